@@ -18,7 +18,7 @@ from isf_msgs.action import PlanPart
 from isf_msgs.srv import GetContour
 from isf_ros import process, qos
 from isf_ros.background import in_thread
-from isf_ros.conversion import contour_to_message, height_map_to_message, path_to_message
+from isf_ros.conversion import contour_to_message, path_to_message, target_to_message
 from isf_ros.lifecycle import CellNode
 from isf_ros.parameters import parameter
 from nav_msgs.msg import Path as PathMessage
@@ -123,7 +123,7 @@ class PlannerNode(CellNode[PlannerParameters]):
 
     def _publish(self, made: Plan) -> None:
         stamp = self._now()
-        self._target.publish(height_map_to_message(made.target, stamp))
+        self._target.publish(target_to_message(made.target, made.preforms, stamp))
         for tool, publisher in enumerate(self._paths, 1):
             publisher.publish(path_to_message(tips_of(made.contours, tool), stamp, self._settings.path_poses))
         self._markers.publish(plan_markers(made, stamp))

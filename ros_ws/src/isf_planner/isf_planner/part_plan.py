@@ -25,7 +25,7 @@ class Plan:
 
     Attributes
     ----------
-    plan_id : the same for the same job text and mesh
+    plan_id : the same for the same job and files, as :func:`isf_planner.processes.plan_id` says
     contours : in the order of forming
     target : upper target surface over the clamp on a 1 mm grid, 0 beside the part
     mesh : vertices (V, 3) m in frame ``sheet`` and faces (F, 3) of the placed part
@@ -37,6 +37,7 @@ class Plan:
     shank : where shank and holder of a tilted tool come nearest to anything; None with an upright one
     ball_radius : m, of the upper tool's tip; NaN where a plan file does not hold it
     moved : the target as the contours form it, where accuracy surfaces move it; ``target`` and ``mesh`` are the part
+    preforms : surfaces that the stages before the part end with, on the grid of ``target``; none where there are none
     hold_after : contours, counted from 1, after which a part formed through the node graph waits for a person or a PLC
     """
 
@@ -52,6 +53,7 @@ class Plan:
     shank: ShankClearance | None = field(default=None, repr=False, compare=False)
     ball_radius: float = field(default=float("nan"), compare=False)
     moved: MovedTarget | None = field(default=None, repr=False, compare=False)
+    preforms: tuple[HeightMap, ...] = field(default=(), repr=False, compare=False)
     hold_after: tuple[int, ...] = field(default=(), compare=False)
 
     @property

@@ -5,17 +5,16 @@ The last step adds forces and limits along the contours, then the compensation t
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import replace
 
 from isf_core.contour import Contour
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.files.job import JobFile
+from isf_core.files.job import Job, JobFile
 
-from isf_planner import replanning
+from isf_planner import processes, replanning
 from isf_planner.accuracy.moved_target import MovedTarget, compensated
 from isf_planner.checks import backing_plate, part_checks
-from isf_planner.checks.shank_checks import check_shank
+from isf_planner.checks.shank_checks import check_shank, check_upright
 from isf_planner.forming.sides import merged
 from isf_planner.gcode.program_job import plan_of_program
 from isf_planner.part import mesh_checks
@@ -80,7 +79,7 @@ def plan(job_file: JobFile, *, progress: Progress | None = None, cancelled: Canc
         warnings += part_checks.left_by_springback(planned, job)
     part_warnings = tuple(warnings)
     step("tools", 0.9)
-    plan_id = _identify(job_file)
+    plan_id = processes.plan_id(job_file)
     contours, reported = process.contours(part, job_file, plan_id)
     warnings += reported
     warnings += (*tool_paths.left_out(contours, job), *support_tool.rule_warnings(contours, planned, job_file))
@@ -96,6 +95,7 @@ def plan(job_file: JobFile, *, progress: Progress | None = None, cancelled: Canc
     warnings += part_checks.check_support(last, planned, job)
     target = target_surface.target_map(nominal, rig.clamp.size)
     shank = check_shank(contours, target, job_file) if job_file.tilts else None
+    warnings += check_upright(last, planned, target, job_file) if _beyond_tip(job) else ()
     step("done", 1.0)
     base = PlanBase(job, tuple(planned), part_warnings)
     unique = tuple(dict.fromkeys(warnings))
@@ -115,6 +115,7 @@ def plan(job_file: JobFile, *, progress: Progress | None = None, cancelled: Canc
         shank,
         ball,
         moved,
+        tuple(target_surface.on_grid(stage.heights, target) for stage in part.stages[: len(part.preforms)]),
         job.path.hold_after,
     )
 
@@ -123,7 +124,8 @@ def replan(before: Plan, job_file: JobFile) -> Plan:
     """The plan of ``before`` for a job with other tools, sheet thickness, feed, paths or control, in milliseconds.
 
     Contacts, normals and curvatures are kept (:mod:`isf_planner.replanning`). Where the job changes what they depend
-    on (part, levels, process, rig), or the process keeps none (TPIF, ADSIF), the part is planned anew.
+    on (part, levels, process, rig), a smaller tool gets where the one before did not, or the process keeps none (TPIF,
+    ADSIF), the part is planned anew.
 
     Raises
     ------
@@ -134,12 +136,12 @@ def replan(before: Plan, job_file: JobFile) -> Plan:
     partial = before.partial or job.path.partial_paths
     if base is None or base.job.path.finishing_passes or staged or partial or before.moved or job.strategy:
         return plan(job_file)
-    if not replanning.same_contacts(base.job, job):
+    if not replanning.same_contacts(base.job, job) or replanning.reaches_further(base, job):
         return plan(job_file)
     mesh = Mesh(*before.mesh)
     part_checks.check_fit(mesh_checks.PlacedPart(mesh, -float(mesh.vertices[:, 2].min()), ()), job, job_file.rig)
     sides = replanning.with_tools(base, job)
-    plan_id = _identify(job_file)
+    plan_id = processes.plan_id(job_file)
     made = tool_paths.make_contours(list(sides), job_file, plan_id)
     ruled = support_tool.rule_warnings(made, sides, job_file)
     contours, expected = finish(made, job_file)
@@ -149,6 +151,7 @@ def replan(before: Plan, job_file: JobFile) -> Plan:
     part_checks.check_floors(contours, sides, job)
     pressing = part_checks.check_support(contours, sides, job)
     shank = check_shank(contours, before.target, job_file) if job_file.tilts else None
+    pressing += check_upright(contours, sides, before.target, job_file) if _beyond_tip(job) else ()
     left = tool_paths.left_to_sine_law(sides, job)
     reported = tuple(dict.fromkeys((*base.reported, *ruled, *left, *expected, *held, *pressing)))
     tree, ball = merged(sides), job.tool_1.ball_radius
@@ -164,6 +167,12 @@ def replan(before: Plan, job_file: JobFile) -> Plan:
     )
 
 
+def _beyond_tip(job: Job) -> bool:
+    """Whether the job tells of anything of a tool that may reach further to the side than its tip."""
+    tools = [tool for tool in (job.tool_1, job.tool_2) if tool is not None]
+    return any(tool.holder or tool.stick_out or (tool.shank_radius or 0.0) > tool.radius for tool in tools)
+
+
 def _moved(loaded: Mesh, job_file: JobFile, step: Steps) -> MovedTarget:
     """The part ``loaded``, placed, with its target moved by the accuracy surfaces of the job."""
     step("accuracy surfaces", 0.0)
@@ -171,11 +180,3 @@ def _moved(loaded: Mesh, job_file: JobFile, step: Steps) -> MovedTarget:
     placed = mesh_checks.check_and_place(loaded, clamp, job.tool_1.radius, place=job.place)
     made = compensated(placed.mesh, job_file)
     return replace(made, warnings=(*placed.warnings, *made.warnings))
-
-
-def _identify(job_file: JobFile) -> str:
-    surfaces = job_file.job.accuracy_surfaces
-    source = b"".join(path.read_bytes() for path in job_file.sources)
-    learned = (job_file.base / surfaces).read_bytes() if surfaces is not None else b""
-    digest = hashlib.sha256(job_file.text.encode() + source + learned).hexdigest()
-    return f"{job_file.job.name}-{digest[:8]}"

@@ -10,6 +10,7 @@ where ``MyProcess`` derives from :class:`FormingProcess` or one of the processes
 
 from __future__ import annotations
 
+import hashlib
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -19,7 +20,8 @@ from typing import ClassVar
 import numpy as np
 from isf_core.contour import Contour
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.files.job import Job, JobFile, load_process
+from isf_core.files.job import AdsifSpec, Job, JobFile, load_process
+from isf_core.files.yaml_file import find_named
 from isf_core.types import Array
 
 from isf_planner.checks import part_checks
@@ -170,6 +172,36 @@ def numbered(contours: Sequence[Contour]) -> tuple[Contour, ...]:
     return tuple(replace(contour, index=k, count=len(contours)) for k, contour in enumerate(contours))
 
 
+def plan_id(job_file: JobFile, path: bytes | None = None) -> str:
+    """Name of the job, and a digest of what its plan follows from.
+
+    A part goes on, and a contour is taken, only under the name of its plan: so the files that the job names are in it
+    by content. The force that a rig bears is left out: it is raised for a simulated sheet that is too strong, and no
+    contour follows from it.
+
+    Parameters
+    ----------
+    path : of a program as it was read with its set-up, in place of the files that a path is planned from
+
+    Raises
+    ------
+    IsfError : FILE_NOT_FOUND for a response surface; of other files that are missing their readers tell
+    """
+    job = job_file.job
+    digest = hashlib.sha256(job_file.text.encode())
+    rig = job_file.rig.model_dump_json(exclude={"provenance": True, "limits": {"force"}, "load_cell": {"force_range"}})
+    digest.update(rig.encode())
+    digest.update(job_file.material.model_dump_json(exclude={"provenance"}).encode())
+    digest.update(path or b"")
+    named = (job.accuracy_surfaces, job.die.mesh if job.die else None, job.path.machine_error)
+    files = [*job_file.sources, *(job_file.base / name for name in named if name is not None)]
+    if job.process == "ADSIF":
+        files.append(find_named("adsif", (job.adsif or AdsifSpec()).surface, job_file.base))
+    for file in files if path is None else ():
+        digest.update(file.read_bytes() if file.is_file() else b"")
+    return f"{job.name}-{digest.hexdigest()[:8]}"
+
+
 def _parts(mesh: Mesh, job_file: JobFile) -> list[HalfPart]:
     """What each tool forms; one tool forms everything alone."""
     if job_file.job.process != "DSIF":
@@ -233,11 +265,12 @@ def _plan_view(
     surface = target_surface.fine_surface(part.mesh, radius)
     step("dropping the tool", 0.3)
     x, y, height = tip_surface.tip_grid(surface, radius)
-    depth = part.depth
+    depth, left = part.depth, 0.0
     if preform:
         depth = tip_surface.reached_depth(surface, height, depth, radius)
     else:
-        warnings += part_checks.check_reach(surface, height, depth, radius)
+        left, remains = part_checks.check_reach(surface, height, depth, radius)
+        warnings += remains
 
     grid = sections.TipGrid(x, y, height, depth)
     found = (of_part or find_features(part.mesh, radius)) if job.path.partial_paths else None
@@ -257,7 +290,7 @@ def _plan_view(
     partial = partial_paths(tree, found, by_feature, radius) if found and by_feature else None
     if partial and by_feature and of_part is None:
         warnings += [*without_path(partial, by_feature, surface, radius), *sequencing.near_ribs(tree, partial, radius)]
-    return Side(tree, surface, half.forming_tool, half.base, partial), shift, warnings
+    return Side(tree, surface, half.forming_tool, half.base, partial, left), shift, warnings
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ Contact points take seconds, tips milliseconds. With another forming tool the ti
 radius along the normal; its height then varies along a loop where the wall angle does. Every new tip is checked
 against the whole sampled surface: where it cuts in, because the surface bends more there than the ball, the ball is
 moved out along the normal of its contact; what would have to move further than a tenth of a millimetre is refused.
+A smaller tool that gets further into the part than the one before has other contacts: that takes a new plan.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import numpy as np
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import Job
 
+from isf_planner.checks.part_checks import UNREACHED_TOLERANCE
 from isf_planner.forming.sides import Side, swapped
 from isf_planner.loops.tip_loops import GOUGE_TOLERANCE, TipLoop
 from isf_planner.part.mesh_checks import place_text
@@ -57,6 +59,27 @@ def same_contacts(before: Job, after: Job) -> bool:
     # without a limit of the job, how steep the part may be is the material's to say
     same &= after.wall_angle_limit is not None or before.sheet.material == after.sheet.material
     return same and all(getattr(before.path, name) == getattr(after.path, name) for name in KEPT_PATH)
+
+
+def reaches_further(base: PlanBase, job: Job) -> bool:
+    """True when a forming tool of ``job`` has other contacts than the one before, so that they cannot be kept.
+
+    A smaller ball gets into fillets and corners that were left by the one before. Where that one met wall and floor at
+    once, its contact is on the wall: from there the smaller one does not come down to the floor. And levels of one
+    scallop height follow from the radius.
+    """
+    for side in base.sides:
+        before, after = (swapped(one, side.forming_tool).tool_1.ball_radius for one in (base.job, job))
+        if after != before and job.path.spacing == "scallop":
+            return True
+        if after >= before:
+            continue
+        if side.left > UNREACHED_TOLERANCE:
+            return True
+        lowest = [side.tree.loops[feature.loops[-1]] for feature in side.tree.features if feature.loops]
+        if any((before - after) * (1.0 - float(loop.normal[:, 2].min())) > UNREACHED_TOLERANCE for loop in lowest):
+            return True
+    return False
 
 
 def with_tools(base: PlanBase, job: Job) -> tuple[Side, ...]:

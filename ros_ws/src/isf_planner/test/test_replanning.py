@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from ball_gap import tool_gap
@@ -90,3 +92,31 @@ def test_a_material_that_bears_less_refuses_walls_that_the_one_before_bore(
         replan(before, other)
     assert caught.value.code is ErrorCode.WALL_TOO_STEEP
     assert "63.0 deg may be planned" in caught.value.what
+
+
+@pytest.mark.parametrize(
+    ("floor", "path"), [(1e-3, ""), (4.5e-3, ""), (8e-3, "spacing: scallop, scallop_height: 0.02 mm, ")]
+)
+def test_a_smaller_tool_forms_what_the_one_before_could_not(floor: float, path: str, tmp_path: Path) -> None:
+    """Fillets of the floor smaller than the ball before, of 5 mm, and scallops whose height follows from the radius."""
+    job_file = job_for(write(Cone(floor=floor).mesh(20e-6), tmp_path / "cone.stl"), process="SPIF", depth="1 mm")
+    job_file = changed(job_file, "path: {", f"path: {{{path}")
+    before, other = plan(job_file), changed(job_file, "tool_1: {radius: 5 mm}", "tool_1: {radius: 2 mm}")
+    after, anew = replan(before, other), plan(other)
+    assert after.warnings == anew.warnings
+    assert not any("of material remain" in text and "5.00 mm" in text for text in after.warnings)
+    for a, b in zip(after.contours, anew.contours, strict=True):
+        np.testing.assert_array_equal(a.forming_tip, b.forming_tip)
+    # it comes down to the floor all around, where the contacts of the ball before would have kept it above
+    np.testing.assert_allclose(after.contours[-1].forming_tip[:, 2], -12e-3, atol=20e-6)
+
+
+def test_a_smaller_tool_keeps_the_contacts_where_all_was_formed(made: tuple[Plan, JobFile]) -> None:
+    before, job_file = made
+    after = replan(before, changed(job_file, "tool_1: {radius: 5 mm}", "tool_1: {radius: 4 mm}"))
+    for a, b in zip(before.contours, after.contours, strict=True):
+        np.testing.assert_allclose(b.contact, a.contact, atol=20e-6)
+    surface = fine_surface(CONE.mesh(), 4e-3)
+    for contour in after.contours:
+        height, _ = drop_tool(surface, contour.forming_tip[:, :2], 4e-3)
+        assert np.abs(height - contour.forming_tip[:, 2]).max() < 30e-6

@@ -151,6 +151,16 @@ def height_map_from_message(message: Any) -> HeightMap:
     return fields.height_map_of(message)
 
 
+def target_to_message(target: HeightMap, preforms: Sequence[HeightMap], stamp: Time) -> PointCloud2:
+    """Message of ``part/target``: the wanted shape, and those of the stages before it on the same grid."""
+    return _table_to_cloud(*fields.target_table(target, preforms), stamp)
+
+
+def target_from_message(message: Any) -> tuple[HeightMap, tuple[HeightMap, ...]]:
+    """Wanted shape and those of the stages before it, as written by :func:`target_to_message`; ValueError otherwise."""
+    return fields.target_of(message)
+
+
 def _fill(message: Any, source: Any, table: dict[str, str], stamp: Time | None) -> None:
     message.header.frame_id = FRAME
     if stamp is not None:

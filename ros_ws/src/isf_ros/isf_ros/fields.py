@@ -98,6 +98,31 @@ def height_map_of(message: Any) -> HeightMap:
     return HeightMap.from_points(points)
 
 
+PREFORM = "z_stage_"
+"""Field of the height after stage 1, 2 .. of a part that is formed in stages, without the last (``part/target``)."""
+
+
+def target_of(message: Any) -> tuple[HeightMap, tuple[HeightMap, ...]]:
+    """The wanted shape, and those that the stages before the last end with, of a message of ``part/target``.
+
+    Raises ValueError when it is not a whole grid with floating-point fields x, y, z and ``z_stage_1``, ``z_stage_2`` ..
+    """
+    count = sum(field.name.startswith(PREFORM) for field in message.fields)
+    columns = cloud_columns(message, ("x", "y", "z", *(f"{PREFORM}{k}" for k in range(1, count + 1))))
+    target, *preforms = (HeightMap.from_points(columns[:, [0, 1, k]]) for k in range(2, columns.shape[1]))
+    return target, tuple(preforms)
+
+
+def target_table(target: HeightMap, preforms: Sequence[HeightMap]) -> tuple[NDArray[np.float64], tuple[str, ...]]:
+    """(ny, nx, K) the K fields of a message of ``part/target``, and their names.
+
+    ``preforms``, of the stages before the last, stand on the grid of ``target``.
+    """
+    names = ("x", "y", "z", *(f"{PREFORM}{k}" for k in range(1, len(preforms) + 1)))
+    columns = np.hstack([target.points(), *(preform.z.reshape(-1, 1) for preform in preforms)])
+    return columns.reshape(*target.z.shape, len(names)), names
+
+
 _POINT_KINDS = {7: "f4", 8: "f8"}
 """Datatypes of ``sensor_msgs/PointField`` that coordinates and forces may have."""
 

@@ -25,6 +25,7 @@ from isf_msgs.msg import ContourResult as ResultMessage
 from isf_msgs.msg import MachineState
 from isf_msgs.srv import Arm
 from isf_ros import conversion, fields, qos, stamps
+from sensor_msgs.msg import PointField
 
 RANDOM = np.random.default_rng(1)
 
@@ -189,6 +190,37 @@ def test_a_height_map_goes_through_a_point_cloud() -> None:
     cloud.point_step = 12
     with pytest.raises(ValueError, match="float64"):
         conversion.height_map_from_message(cloud)
+
+
+def test_a_target_takes_the_shapes_of_the_stages_along() -> None:
+    x, y = np.linspace(-0.1, 0.1, 7), np.linspace(-0.2, 0.2, 5)
+    target, *preforms = (HeightMap(x, y, RANDOM.normal(size=(5, 7))) for _ in range(4))
+    for some in ([], preforms):
+        cloud = conversion.target_to_message(target, some, stamps.to_stamp(5))
+        part, back = conversion.target_from_message(cloud)
+        assert len(back) == len(some)
+        for a, b in zip([part, *back], [target, *some], strict=True):
+            np.testing.assert_array_equal(a.z, b.z)
+            np.testing.assert_array_equal(a.x, x)
+    assert [field.name for field in cloud.fields] == ["x", "y", "z", "z_stage_1", "z_stage_2", "z_stage_3"]
+    cloud.fields[4].name = "z_stage_4"
+    with pytest.raises(ValueError, match="z_stage_2"):
+        conversion.target_from_message(cloud)
+
+
+def test_a_target_of_another_planner_may_have_other_fields() -> None:
+    """float32, in an order of its own, with a field that nobody here knows."""
+    x, y = np.linspace(-0.125, 0.125, 3), np.linspace(-0.25, 0.25, 5)
+    gx, gy = np.meshgrid(x, y)
+    names = ["intensity", "z", "y", "x"]
+    table = np.column_stack([np.ones(15), np.arange(15.0), gy.ravel(), gx.ravel()]).astype("<f4")
+    cloud = conversion.height_map_to_message(HeightMap(x, y, gx), stamps.to_stamp(5))
+    cloud.fields = [PointField(name=n, offset=4 * k, datatype=7, count=1) for k, n in enumerate(names)]
+    cloud.point_step, cloud.row_step, cloud.data = 16, 48, table.tobytes()
+    part, preforms = conversion.target_from_message(cloud)
+    assert preforms == ()
+    np.testing.assert_array_equal(part.x, x)
+    np.testing.assert_array_equal(part.z, np.arange(15.0).reshape(5, 3))
 
 
 def test_tick_stamps_do_not_drift() -> None:

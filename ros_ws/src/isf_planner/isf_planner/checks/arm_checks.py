@@ -30,6 +30,8 @@ OVERHANG = 0.35
 """m, of the table beyond the frame (assumed)."""
 STICK_OUT = 80e-3
 """m, of a tool whose job does not tell (assumed)."""
+SUPPORT_RATIO = 2.0
+"""Speed of the support tool over that of the forming tool at which both get slower: the force controller's."""
 POSES = 2000
 """Poses at most whose distances are looked at, evenly along the path."""
 
@@ -82,13 +84,10 @@ def arm_paths(contours: Sequence[Contour], rig: Rig, ball_radius: float) -> tupl
         parts = [part for part in parts if part is not None]
         if arm is None or not parts:
             continue
-        tips, tilts, force, index, pace = (np.concatenate(one) for one in zip(*parts, strict=True))
+        tips, tilts, force, index, time = (np.concatenate(one) for one in zip(*parts, strict=True))
         joints, margin, singular = arm.held(tips, tilts)
         fastest = np.array([joint.speed for joint in arm.joints])
         turned = np.abs(np.diff(joints, axis=0, append=joints[-1:]))
-        way = np.linalg.norm(np.diff(tips, axis=0, append=tips[-1:]), axis=1)
-        same = np.append(index[1:] == index[:-1], False)  # the way to the next contour has its own speed
-        time = np.where(same, way / pace, np.inf)
         speed = turned / np.maximum(time, 1e-9)[:, None] / fastest
         paths.append(ArmPath(tool, arm, tips, tilts, index, joints, margin, singular, speed, force))
     return tuple(paths)
@@ -208,8 +207,13 @@ def _stick_out(job: Job, tool: int) -> float:
 
 
 def _of_contour(contour: Contour, tool: int, ball_radius: float) -> tuple[Array, Array, Array, Array, Array] | None:
-    """Points, tilts, forces, index and speed of ``tool`` along a contour, closed ones to their first point again; None
-    where the tool does nothing."""
+    """Points, tilts, forces, index and time s to the next point, of ``tool`` along a contour, closed ones to their
+    first point again; None where the tool does nothing.
+
+    Both tools are at a point at the same time, and the feed is that of the forming tip: on the outside of a corner the
+    support tool has the longer way, and is so much faster up to :data:`SUPPORT_RATIO`. The way to the next contour has
+    its own speed: it takes for ever here.
+    """
     forming = contour.forming_tool == tool
     tips = contour.forming_tip if forming else contour.support_tip
     if not len(tips):
@@ -223,4 +227,9 @@ def _of_contour(contour: Contour, tool: int, ball_radius: float) -> tuple[Array,
         force[:, 2] = -contour.push_sign * contour.predicted_force
     speed = contour.speed if len(contour.speed) else np.full(n, contour.feed)
     order = np.append(np.arange(n), 0) if contour.closed else np.arange(n)
-    return points[order], tilts[order], force[order], np.full(len(order), contour.index), speed[order]
+    way = np.linalg.norm(np.diff(contour.forming_tip[order], axis=0), axis=1)
+    if contour.has_support:
+        across = np.linalg.norm(np.diff(contour.support_tip[order], axis=0), axis=1)
+        way = np.maximum(way, across / SUPPORT_RATIO)
+    time = way / speed[order[:-1]]
+    return points[order], tilts[order], force[order], np.full(len(order), contour.index), np.append(time, np.inf)

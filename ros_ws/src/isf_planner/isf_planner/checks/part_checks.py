@@ -92,8 +92,11 @@ def check_wall_angle(mesh: Mesh, limit: float) -> tuple[str, ...]:
     return ()
 
 
-def check_reach(surface: TargetSurface, tip_height: Array, depth: float, radius: float) -> tuple[str, ...]:
-    """Warnings where the tool leaves material; IsfError PART_TOO_SMALL_FOR_TOOL when it cannot reach the bottom.
+def check_reach(
+    surface: TargetSurface, tip_height: Array, depth: float, radius: float
+) -> tuple[float, tuple[str, ...]]:
+    """Most material (m) that the tool leaves, and warnings where; IsfError PART_TOO_SMALL_FOR_TOOL when it cannot reach
+    the bottom.
 
     ``tip_height`` as from :func:`isf_planner.surface.tip_surface.tip_grid`; ``depth`` and ``radius`` in m.
     """
@@ -109,8 +112,8 @@ def check_reach(surface: TargetSurface, tip_height: Array, depth: float, radius:
         )
     left, place = tip_surface.unreached(surface, tip_height, radius, UNREACHED_TOLERANCE)
     if left <= UNREACHED_TOLERANCE:
-        return ()
-    return (
+        return left, ()
+    return left, (
         f"at {place_text(place)} a radius of the part is smaller than the tool ({radius * 1e3:.2f} mm): "
         f"up to {left * 1e3:.2f} mm of material remain there",
     )

@@ -1,8 +1,11 @@
-"""Does a tilted tool run into something with its shank or holder? Formed sheet, flat sheet and frame of the clamp.
+"""Does a tool run into something with its shank or holder? Formed sheet, flat sheet and frame of the clamp.
 
 While a contour is formed, the sheet is taken to have its final shape around it, or in an earlier stage that of the
 stage, and to be flat at the level of the contact inside. A backing plate lies under the sheet, which is met first. The
 frame of the clamp stands on the sheet around its opening (``clamp.height`` of the rig).
+
+A shank no wider than the tip of an upright tool meets nothing that the tip does not meet: there the wider shank and the
+holder count, as far as the job tells of them.
 """
 
 from __future__ import annotations
@@ -13,13 +16,15 @@ from dataclasses import dataclass
 import numpy as np
 from isf_core.contour import Contour, contour_label
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.files.job import JobFile
+from isf_core.files.job import Job, JobFile
 from isf_core.files.rig import Rig
+from isf_core.files.tooling import ToolSpec
 from isf_core.geometry.height_map import HeightMap
-from isf_core.geometry.tool_solid import ToolSolid, tool_solid
+from isf_core.geometry.tool_solid import ASSUMED_HOLDER, ToolSolid, tool_solid
 from isf_core.types import Array
-from scipy.interpolate import griddata
+from scipy.interpolate import RegularGridInterpolator, griddata
 
+from isf_planner.forming.sides import Side, first_number, swapped
 from isf_planner.part.mesh_checks import place_text
 
 POSES = 5e-3
@@ -91,6 +96,111 @@ def check_shank(contours: Sequence[Contour], target: HeightMap, job_file: JobFil
             advice="lower tool_axis.largest_tilt, or use a longer tool (tool_1.stick_out) or a thinner one "
             "(tool_1.shank_radius, tool_1.holder)",
         )
+    return nearest
+
+
+UPRIGHT = np.array([0.0, 0.0, 1.0])
+
+
+def check_upright(
+    contours: Sequence[Contour], sides: Sequence[Side], target: HeightMap, job_file: JobFile
+) -> tuple[str, ...]:
+    """Warnings where an assumed holder of an upright forming tool would run into something.
+
+    ``contours`` of the part itself, without those of earlier stages, whose walls are flatter. A tool of which the job
+    tells neither ``stick_out`` nor ``holder`` has no length that could be too short. In ADSIF the sheet is not in its
+    final shape until the end: nothing is looked at.
+
+    Raises
+    ------
+    IsfError : SHANK_COLLISION with the part of the tool, the place and an advice, where the job tells of that part
+    """
+    job, rig = job_file.job, job_file.rig
+    if job.process == "ADSIF":
+        return ()
+    warnings = []
+    for number, side in enumerate(sides):
+        tool = swapped(job, side.forming_tool).tool_1
+        solid = _beyond_the_tip(tool)
+        if solid is None:
+            continue
+        frame = clamp_frame(rig) if side.forming_tool == 1 else np.empty((0, 3))
+        shape = _around(side, target, job)
+        mine = range(first_number(sides, number), first_number(sides, number + 1))
+        own = [contour for contour in contours if contour.feature in mine and not contour.tilted]
+        found = min(
+            (_nearest(one, side, shape, frame, solid) for one in own), key=lambda one: one.distance, default=None
+        )
+        if found is None or found.distance >= -TOLERANCE:
+            continue
+        contour = next(one for one in own if one.index == found.contour)
+        place, name = side.in_sheet(found.place), f"tool_{side.forming_tool}"
+        framed = len(frame) > 0 and place[2] > contour.holder_height and _in_frame(place, rig)
+        met = "the frame of the clamp" if framed else "the sheet"
+        what = (
+            f"the {found.part} of the upright {name} would run {-1e3 * found.distance:.2f} mm into {met} at "
+            f"{place_text(place)}"
+        )
+        where = f"{contour_label(found.contour)} with the tip at {place_text(contour.forming_tip[found.point])}"
+        if found.part == "holder" and not tool.holder:
+            length, radius = (1e3 * size for size in ASSUMED_HOLDER)
+            warnings.append(
+                f"{what}, {where}: that it is {length:g} mm long with a radius of {radius:g} mm is assumed, say in "
+                f"{name}.holder what it is"
+            )
+            continue
+        raise IsfError(
+            ErrorCode.SHANK_COLLISION,
+            what,
+            where=where,
+            advice=f"use a longer tool ({name}.stick_out) or a thinner one ({name}.shank_radius, {name}.holder)",
+        )
+    return tuple(warnings)
+
+
+def _beyond_the_tip(tool: ToolSpec) -> ToolSolid | None:
+    """What of an upright tool reaches further to the side than its tip, as far as it is told of; None: nothing."""
+    whole = tool_solid(tool)
+    told = tool.stick_out is not None or bool(tool.holder)
+    wide = whole.parts[0, 2] > tool.radius
+    chosen = [k for k in range(len(whole.names)) if (wide if k == 0 else told)]
+    if not chosen:
+        return None
+    return ToolSolid(whole.parts[chosen], tuple(whole.names[k] for k in chosen), whole.ball)
+
+
+def _around(side: Side, target: HeightMap, job: Job) -> HeightMap:
+    """The sheet while a side is formed, as its tool sees it, on the grid of ``target``.
+
+    The upper tool comes first: what the lower one forms is not there yet. Over a die it is the die's frame.
+    """
+    if side.forming_tool == 1 and side.base == 0.0:
+        surface = side.surface
+        flange = float(surface.z[0, 0])
+        sampled = RegularGridInterpolator((surface.y, surface.x), surface.z, bounds_error=False, fill_value=flange)
+        gx, gy = np.meshgrid(target.x, target.y)
+        return HeightMap(target.x, target.y, np.asarray(sampled((gy, gx))))
+    face = job.sheet.thickness if side.forming_tool == 2 else 0.0  # the lower tool meets the other face
+    gx, gy = np.meshgrid(target.x, target.y)
+    seen = side.seen(np.stack([gx, gy, target.z - face], axis=-1))
+    return HeightMap(target.x, target.y, seen[..., 2])
+
+
+def _nearest(contour: Contour, side: Side, shape: HeightMap, frame: Array, solid: ToolSolid) -> ShankClearance:
+    """Where shank and holder come nearest along a contour, the place as the forming tool sees it; infinitely far where
+    they begin above everything."""
+    holder = np.array([0.0, 0.0, contour.holder_height])  # over a die: the frame of the clamp travels with the holder
+    tips, contact = (side.seen(points + holder) for points in (contour.forming_tip, contour.contact))
+    more = frame + holder
+    highest = max(float(np.nanmax(shape.z)), float(more[:, 2].max(initial=-np.inf)))
+    nearest = ShankClearance(float("inf"), np.full(3, np.nan), solid.names[0], contour.index, 0, solid)
+    if float(tips[:, 2].min()) + solid.ball + float(solid.parts[0, 0]) >= highest:
+        return nearest
+    spacing = float(contour.arc_length()[-1]) / max(len(contour) - 1, 1)
+    for k in range(0, len(contour), max(1, round(POSES / max(spacing, 1e-9)))):
+        distance, place, part = solid.nearest(shape, more, tips[k], UPRIGHT, float(contact[k, 2]))
+        if distance < nearest.distance:
+            nearest = ShankClearance(distance, place, solid.names[part], contour.index, k, solid)
     return nearest
 
 

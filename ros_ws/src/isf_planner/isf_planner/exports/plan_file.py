@@ -48,6 +48,8 @@ def save_plan(plan: Plan, path: Path) -> Path:
         for name in _ARRAYS
     }
     contents |= {f"target_{axis}": getattr(plan.target, axis) for axis in "xyz"}
+    if plan.preforms:
+        contents["preforms"] = np.stack([preform.z for preform in plan.preforms])
     contents |= {"head": np.array(json.dumps(head)), "mesh_vertices": plan.mesh[0], "mesh_faces": plan.mesh[1]}
     try:
         with path.open("wb") as file:
@@ -69,8 +71,12 @@ def load_plan(path: Path) -> Plan:
         target = HeightMap(*(data[f"target_{axis}"] for axis in "xyz"))
         mesh = (data["mesh_vertices"], data["mesh_faces"])
         _check_shapes(target, *mesh)
+        preforms = tuple(HeightMap(target.x, target.y, z) for z in data.get("preforms", ()))
+        for preform in preforms:
+            _check_shapes(preform, *mesh)
         ball = float(head.get("ball_radius", "nan"))
-        return Plan(str(head["plan_id"]), contours, target, mesh, tuple(map(str, head["warnings"])), ball_radius=ball)
+        warnings = tuple(map(str, head["warnings"]))
+        return Plan(str(head["plan_id"]), contours, target, mesh, warnings, ball_radius=ball, preforms=preforms)
     except FileNotFoundError as error:
         raise IsfError(ErrorCode.FILE_NOT_FOUND, "no such file", where=str(path)) from error
     except OSError as error:

@@ -62,6 +62,7 @@ class Side:
     forming_tool : 1 or 2
     base : m, as in :class:`HalfPart`
     partial : paths of its features, None where the job does not ask for them
+    left : m, most material that the ball leaves where it does not fit
     """
 
     tree: LoopTree
@@ -69,6 +70,7 @@ class Side:
     forming_tool: int = 1
     base: float = 0.0
     partial: PartialPaths | None = None
+    left: float = 0.0
 
     def in_sheet(self, points: Array) -> Array:
         """Points (..., 3) m of the view of the forming tool in frame ``sheet``."""

@@ -6,7 +6,6 @@ triangulation of the tips, without the triangles that span the floor inside one 
 
 from __future__ import annotations
 
-import hashlib
 import math
 from bisect import bisect_right
 from collections.abc import Mapping
@@ -36,6 +35,7 @@ from isf_planner.gcode.reader import RAPID, Finding, Program
 from isf_planner.part.mesh_checks import place_text
 from isf_planner.part_plan import Plan
 from isf_planner.predict.predictions import with_predictions
+from isf_planner.processes import plan_id
 from isf_planner.surface import height_grid
 
 CLOSED = 1e-6
@@ -249,7 +249,7 @@ def program_plan(program: Program, job_file: JobFile) -> Plan:
     holds = holds_of(program)
     lifted = {number for number, hold in holds.items() if hold.lifted}
     path += np.array(sorted(lifted), dtype=np.int64).tobytes()
-    digest = hashlib.sha256(path + job_file.text.encode()).hexdigest()[:8]
+    name = plan_id(job_file, path)
     contours, at = [], 0
     for number, piece in enumerate(pieces):
         here = slice(at, at + len(piece.index))
@@ -258,7 +258,7 @@ def program_plan(program: Program, job_file: JobFile) -> Plan:
         speed = np.where(np.isfinite(speed), speed, job.path.feed)
         contours.append(
             Contour(
-                plan_id=f"{job.name}-{digest}",
+                plan_id=name,
                 index=number,
                 count=len(pieces),
                 process=Process.DSIF if program.two_tools else Process.SPIF,
@@ -290,7 +290,7 @@ def program_plan(program: Program, job_file: JobFile) -> Plan:
         warnings = (left, *warnings)
     told = tuple(dict.fromkeys(warnings))
     return Plan(
-        f"{job.name}-{digest}",
+        name,
         filled,
         target,
         surface,

@@ -247,10 +247,10 @@ def repair(mesh: Mesh, widest_hole: float) -> tuple[Mesh, tuple[str, ...]]:
     """
     reported: list[str] = []
     edges = topology(mesh)
-    if len(edges.free_loops()) > 1:
+    if _comes_apart(mesh, edges):
         mesh, edges = _weld(mesh, edges, reported)
     for _ in range(3):  # a facet has three edges, of which one is cut at a time
-        if len(edges.free_loops()) > 1:
+        if _comes_apart(mesh, edges):
             mesh, edges = _stitch(mesh, edges, reported)
     if len(edges.crowded):
         mesh, edges = _drop_duplicates(mesh, edges, reported)
@@ -259,6 +259,34 @@ def repair(mesh: Mesh, widest_hole: float) -> tuple[Mesh, tuple[str, ...]]:
     if len(edges.free_loops()) > 1:
         mesh = _fill_holes(mesh, edges, widest_hole, reported)
     return mesh, tuple(reported)
+
+
+def _comes_apart(mesh: Mesh, edges: Topology) -> bool:
+    """Whether there are free edges besides the outline, or a seam that ends at the outline and so is a part of it.
+
+    Along such a seam the outline runs back beside itself: a free vertex lies at an edge that is not next to it. What
+    hangs together by free edges shorter than the weld distance is next to each other: the outline may be that fine.
+    """
+    if len(edges.free_loops()) > 1:
+        return True
+    free = edges.vertices[edges.free]
+    vertices, ends = np.unique(free, return_inverse=True)
+    ends = ends.reshape(free.shape)
+    place = mesh.vertices[vertices]
+    start, along = place[ends[:, 0]], place[ends[:, 1]] - place[ends[:, 0]]
+    length = np.linalg.norm(along, axis=1)
+    short = ends[length <= WELD_DISTANCE]
+    graph = coo_matrix((np.ones(len(short)), (short[:, 0], short[:, 1])), (len(vertices), len(vertices)))
+    _, group = connected_components(graph, directed=False)
+    near = KDTree(place).query_ball_point(start + along / 2, length / 2 + WELD_DISTANCE)
+    edge = np.repeat(np.arange(len(free)), [len(found) for found in near])
+    vertex = np.concatenate([np.asarray(found, dtype=np.int64) for found in near]) if len(free) else edge
+    other = (group[vertex] != group[ends[edge, 0]]) & (group[vertex] != group[ends[edge, 1]])
+    edge, vertex = edge[other], vertex[other]
+    apart = place[vertex] - start[edge]
+    share = np.clip((apart * along[edge]).sum(axis=1) / length[edge] ** 2, 0.0, 1.0)
+    beside = np.linalg.norm(apart - share[:, None] * along[edge], axis=1)
+    return bool((beside < WELD_DISTANCE).any())
 
 
 def _weld(mesh: Mesh, edges: Topology, reported: list[str]) -> tuple[Mesh, Topology]:

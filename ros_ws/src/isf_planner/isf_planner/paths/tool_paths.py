@@ -61,6 +61,7 @@ def make_contours(sides: Sequence[Side], job_file: JobFile, plan_id: str) -> tup
         if feature.loops
     ]
     groups = [feature_paths(chain, side, job) for side, *_, chain in chains]
+    walls = [len(paths) for paths in groups]
     for (side, feature, *_), paths in zip(chains, groups, strict=True):
         if not feature.island and not side.tree.children(feature.number):
             over = floor_paths(side.surface, paths[-1], swapped(job, side.forming_tool))
@@ -68,8 +69,10 @@ def make_contours(sides: Sequence[Side], job_file: JobFile, plan_id: str) -> tup
     count = sum(len(paths) for paths in groups)
     contours: list[Contour] = []
     joins: list[bool] = []
-    for (side, _, number, chain), paths in zip(chains, groups, strict=True):
-        formed = along(chain, paths, swapped(job, side.forming_tool))
+    for (side, _, number, chain), paths, wall in zip(chains, groups, walls, strict=True):
+        # the floor was pushed down as it is, without getting thinner: the sections say nothing about it
+        over_it: list[Array | None] = [None] * (len(paths) - wall)
+        formed = along(chain, paths[:wall], swapped(job, side.forming_tool)) + over_it
         first: Array | None = None
         for k, (path, thickness) in enumerate(zip(paths, formed, strict=True)):
             seen = replace(in_sheet(path, side), feature=number)

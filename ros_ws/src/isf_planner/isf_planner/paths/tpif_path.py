@@ -29,7 +29,8 @@ from isf_planner.forming.sides import Side, turned_over
 from isf_planner.loops import level_spacing, sections, tip_loops
 from isf_planner.loops.sections import RoughLoop, link
 from isf_planner.part import mesh_checks
-from isf_planner.part.meshes import Mesh
+from isf_planner.part.meshes import Mesh, topology
+from isf_planner.part.warning_places import in_sheet
 from isf_planner.paths import contour_making, tool_paths
 from isf_planner.paths.contour_making import contour_of
 from isf_planner.paths.joined_paths import TipPath
@@ -64,20 +65,22 @@ def plan_part(loaded: Mesh, job_file: JobFile, step: Callable[[str, float], None
     """
     job, rig = job_file.job, job_file.rig
     below = turned_over(loaded)
+    limit = job.wall_angle_limit or job_file.material.max_wall_angle
     try:
         part = mesh_checks.check_and_place(below, rig.clamp.size, job.tool_1.radius, place=job.place)
+        part_checks.check_fit(part, job, rig)
+        told = [*part.warnings, *part_checks.check_wall_angle(part.mesh, limit)]
     except IsfError as error:
         if error.code is not ErrorCode.MESH_INVERTED:
-            raise
+            what, where = (in_sheet(text, 2, 0.0) for text in (error.what, error.where))
+            raise IsfError(error.code, what, where=where, advice=error.advice) from error
         raise IsfError(
             ErrorCode.MESH_INVERTED,
             "the part has to rise from its flange, normals up: over a die it stands upwards",
             where="mesh",
             advice="turn the part over, or use process SPIF or DSIF",
         ) from error
-    part_checks.check_fit(part, job, rig)
-    limit = job.wall_angle_limit or job_file.material.max_wall_angle
-    warnings = [*part.warnings, *part_checks.check_wall_angle(part.mesh, limit)]
+    warnings = [in_sheet(text, 2, 0.0) for text in told]  # the part was turned over for the checks
     height = part.depth
     finished = turned_over(part.mesh)
     over_die = finished.moved(np.array([0.0, 0.0, -height]))
@@ -134,13 +137,20 @@ def make_contours(part: TpifPart, job_file: JobFile, plan_id: str) -> tuple[Cont
 
 def _with_flange(surface: TargetSurface, mesh: Mesh, height: float) -> TargetSurface:
     """The surface with the flange's level beside the mesh, where the sampler knows nothing of the holder's travel."""
-    outline = shapely.MultiPoint(mesh.vertices[:, :2]).convex_hull
+    outline = _outline(mesh)
     gx, gy = np.meshgrid(surface.x, surface.y)
     beside = ~shapely.contains_xy(outline.buffer(surface.pitch), gx, gy)
     # the sampler leaves 0 where no facet is; along the outline the flange itself is at -height
     z = np.where(beside | ((surface.z == 0.0) & _near_border(outline, gx, gy, 2 * surface.pitch)), -height, surface.z)
     normal = np.where((z != surface.z)[..., None], 0.0, surface.normal_xy)
     return replace(surface, z=z, normal_xy=normal)
+
+
+def _outline(mesh: Mesh) -> shapely.Geometry:
+    """What the mesh covers seen from above, m; it has one outline, and no holes."""
+    edges = topology(mesh)
+    lines = shapely.linestrings(mesh.vertices[edges.vertices[edges.free], :2])
+    return shapely.union_all(shapely.get_parts(shapely.polygonize(lines)))
 
 
 def _near_border(outline: shapely.Geometry, gx: Array, gy: Array, distance: float) -> NDArray[np.bool_]:

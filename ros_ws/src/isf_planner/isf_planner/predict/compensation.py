@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import shapely
 from isf_core.contour import Contour, contour_label
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.hardening_law import HardeningLaw
@@ -207,14 +208,28 @@ def _moved_angle(
 def _radii(contours: Sequence[Contour], job_file: JobFile) -> list[tuple[Array, Array]]:
     """Radius of the clamp and of the opening (N,) m for every contour's points: clamp as the circle of equal area."""
     clamp = clamp_radius(job_file)
-    openings: dict[tuple[int, int], Opening] = {}
+    openings = {key: Opening.of(loop) for key, loop in _openings(contours).items()}
     result = []
     for contour in contours:
-        key = (contour.feature, contour.stage)
-        opening = openings.setdefault(key, Opening.of(_outermost(contours, key)))
+        opening = openings[contour.feature, contour.stage]
         ring = np.minimum(opening.radius_towards(contour.contact[:, :2]), clamp * (1.0 - SMALLEST_GAP))
         result.append((np.full(len(contour), clamp), ring))
     return result
+
+
+def _openings(contours: Sequence[Contour]) -> dict[tuple[int, int], Array]:
+    """(N, 2) m, the opening that every feature and stage is formed in: the widest contour of the stage around it.
+
+    What is formed within a pocket, deeper in its floor or around an island, hangs in the pocket's opening: between its
+    own widest contour and the clamp there is a wall, and no flat sheet.
+    """
+    widest = {key: _outermost(contours, key) for key in dict.fromkeys((c.feature, c.stage) for c in contours)}
+    shapes = {key: shapely.Polygon(loop) for key, loop in widest.items()}
+    found = {}
+    for key, loop in widest.items():
+        around = [one for one in widest if one[1] == key[1] and shapely.contains_xy(shapes[one], loop).all()]
+        found[key] = widest[max([key, *around], key=lambda one: shapes[one].area)]
+    return found
 
 
 def _outermost(contours: Sequence[Contour], key: tuple[int, int]) -> Array:

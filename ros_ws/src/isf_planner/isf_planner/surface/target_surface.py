@@ -109,6 +109,12 @@ def _facet_width(corners: Array) -> float:
     return float(np.median(sides.min(axis=1)))
 
 
+def on_grid(heights: HeightMap, target: HeightMap) -> HeightMap:
+    """``heights`` of the whole part on the grid of ``target``; 0 beside the part."""
+    z = heights.at(target.points()[:, :2]).reshape(target.z.shape)
+    return HeightMap(target.x, target.y, np.nan_to_num(z))
+
+
 def target_map(mesh: Mesh, clamp: tuple[float, float]) -> HeightMap:
     """Upper target surface over the clamp (m x m) on a grid of 1 mm with a node at the origin; 0 beside the part."""
     half = [int(np.floor(side / 2 / MAP_PITCH + 1e-9)) for side in clamp]

@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.files.job import JobFile
+from isf_core.files.job import JobFile, load_job
 from isf_planner import Plan, plan
 from isf_planner.checks.arm_checks import arm_paths, boxes, check_arms, clearances
 from isf_planner.view.arm_figure import arm_pictures
+from planner_contours import circle
 
 EXAMPLES = Path(__file__).resolve().parents[5] / "examples" / "jobs"
 RIG = Path(__file__).resolve().parents[3] / "isf_core" / "rigs" / "kr210_arm.yaml"
@@ -131,3 +132,22 @@ def test_a_rig_without_arms_has_no_paths(made: tuple[Plan, JobFile]) -> None:
     other = JobFile(JOB.replace("kr210_arm", "ren2018"), EXAMPLES, "robot_cone.yaml")
     assert arm_paths(result.contours, other.rig, 5e-3) == ()
     assert check_arms(result.contours, other.job, other.rig) == ()
+
+
+def test_a_support_tool_is_as_fast_as_its_way_is_long() -> None:
+    """On the outside of a ring its tip is at the same point at the same time, up to twice as fast as the feed."""
+    job_file = load_job(EXAMPLES / "robot_pair_cone.yaml")
+    arm = job_file.rig.arm(2)
+    assert arm is not None
+    fastest = np.array([joint.speed for joint in arm.joints])
+    for inner, times in ((30e-3, 34.04 / 26.46), (10e-3, 2.0)):
+        ring = circle(inner, z=-3e-3, angle=np.radians(45.0), tools=2)
+        _, path = arm_paths((ring,), job_file.rig, 5e-3)
+        assert path.tool == 2
+        k = 40
+        way = path.tips[k + 1] - path.tips[k]
+        rates = np.linalg.solve(
+            arm.jacobian(0.5 * (path.joints[k] + path.joints[k + 1])),
+            np.concatenate([30e-3 * times * way / np.linalg.norm(way), np.zeros(3)]),
+        )
+        np.testing.assert_allclose(path.speed[k], np.abs(rates) / fastest, rtol=2e-3, atol=1e-6)

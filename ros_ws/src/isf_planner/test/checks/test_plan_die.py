@@ -12,8 +12,9 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile, load_job
 from isf_planner import Plan, plan
 from isf_planner.checks import die_checks
+from isf_planner.part.meshes import Mesh
 from isf_planner.predict.predictions import step_depths
-from planner_parts import EXAMPLES
+from planner_parts import EXAMPLES, grid_mesh, write
 
 JOB = load_job(EXAMPLES / "jobs" / "tpif_cone.yaml")
 DIE = EXAMPLES / "parts" / "tpif_cone_die.stl"
@@ -92,3 +93,37 @@ def test_the_holder_counts_as_depth_of_a_step(made: Plan) -> None:
     """Predicted forces take the step from contour to contour, which over a die is the holder's."""
     coarse = [replace(contour, holder_height=2.0 * contour.holder_height) for contour in made.contours]
     np.testing.assert_allclose(step_depths(coarse, 9.0)[1:], 1e-3, atol=1e-9)
+
+
+def test_a_notch_in_the_outline_is_flange_and_no_block(tmp_path: Path) -> None:
+    """Beside the mesh there is the blank at the level of the flange, also where the outline runs in."""
+    x = np.arange(-40e-3, 40.5e-3, 1e-3)
+    gx, gy = np.meshgrid(x, x)
+    whole = grid_mesh(x, x, np.clip(20e-3 - np.hypot(gx, gy), 0.0, 6e-3))
+    middle = whole.corners().mean(axis=1)
+    notch = (middle[:, 0] > 31e-3) & (np.abs(middle[:, 1]) < 8e-3)
+    write(whole, tmp_path / "whole.ply")
+    write(Mesh(whole.vertices, whole.faces[~notch]), tmp_path / "notched.ply")
+    top = np.hypot(*middle[:, :2].T) < 15.5e-3  # a partial die: where the part has a sharp edge the sheet has none
+    write(Mesh(whole.vertices - [0.0, 0.0, 7e-3], whole.faces[top]), tmp_path / "die.stl")
+    plans = []
+    for name in ("whole", "notched"):
+        text = JOB.text.replace("../parts/tpif_cone.stl", f"{name}.ply")
+        text = text.replace("../parts/tpif_cone_die.stl", "die.stl").replace(
+            "incremental_depth: 0.5", "incremental_depth: 2"
+        )
+        plans.append(plan(JobFile(text, tmp_path)))
+    assert len(plans[0].contours) == 3
+    for one, other in zip(plans[0].contours, plans[1].contours, strict=True):
+        np.testing.assert_allclose(other.forming_tip, one.forming_tip, atol=1e-9)
+
+
+def test_a_part_is_told_to_be_moved_as_it_was(tmp_path: Path) -> None:
+    """It is turned over for the checks: what was moved down was told to be moved up."""
+    mesh = trimesh.load_mesh(EXAMPLES / "parts" / "tpif_cone.stl", process=False)
+    mesh.apply_translation((3.0, -2.0, 7.0))
+    mesh.export(tmp_path / "moved.stl")
+    text = changed(tmp_path).text.replace(str(EXAMPLES / "parts" / "tpif_cone.stl"), "moved.stl")
+    moved = [warning for warning in plan(JobFile(text, tmp_path)).warnings if "was moved" in warning]
+    assert len(moved) == 1
+    assert moved[0].startswith("the part was moved by (-3.000, 2.000, -7.000) mm")

@@ -9,6 +9,7 @@ import pytest
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
 from isf_planner import plan, replan
+from isf_planner.exports import load_plan, save_plan
 from isf_planner.part_library import PARTS, part_mesh
 from isf_planner.part_library.catalogue import ribbed_pyramid
 from planner_parts import job_for, write
@@ -44,6 +45,21 @@ def test_the_last_stage_is_repeated_point_for_point(before: str, job_file: JobFi
             np.testing.assert_array_equal(mine.forming_tip, other.forming_tip)
             np.testing.assert_array_equal(mine.support_tip, other.support_tip)
             assert mine.closed == other.closed
+
+
+def test_the_shapes_before_the_part_stand_on_its_grid(job_file: JobFile, tmp_path: Path) -> None:
+    made = plan(with_path(job_file, "stages: [45 deg], finishing_passes: 1"))
+    (preform,) = made.preforms
+    np.testing.assert_array_equal(preform.x, made.target.x)
+    np.testing.assert_array_equal(preform.y, made.target.y)
+    above = preform.z - made.target.z
+    assert above.min() > -0.1e-3
+    assert above.max() == pytest.approx(1.5e-3, abs=0.1e-3)  # inside the wall of 60 deg, between two fillets
+    assert preform.z.min() == pytest.approx(-9e-3, abs=0.05e-3)
+    assert np.degrees(np.arctan(np.hypot(*preform.gradient()))).max() == pytest.approx(45.0, abs=1.0)
+    (again,) = load_plan(save_plan(made, tmp_path / "plan.npz")).preforms
+    np.testing.assert_array_equal(again.z, preform.z)
+    assert plan(with_path(job_file, "finishing_passes: 1")).preforms == ()
 
 
 def test_a_changed_number_of_passes_is_planned_anew(job_file: JobFile) -> None:

@@ -9,7 +9,7 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_planner.forming.sides import flange_level
 from isf_planner.part.mesh_checks import check_and_place, oriented, repair
 from isf_planner.part.meshes import Mesh, topology
-from planner_parts import Cone, revolve
+from planner_parts import Cone, grid_mesh, revolve
 
 CLAMP, RADIUS = (0.25, 0.25), 5e-3
 CONE = Cone().mesh(20e-6)
@@ -81,6 +81,57 @@ def test_crack() -> None:
     made, reported = repaired(split)
     assert "3 vertices along cracks" in reported
     assert len(topology(made).free_loops()) == 1
+
+
+def test_a_slit_that_runs_in_from_the_outline() -> None:
+    """It is no free edge besides the outline, but a part of it: down the wall and back 5 um beside itself."""
+    rings, sides = Cone().profile(20e-6)[:-3], 128
+    mesh = revolve(Cone().profile(20e-6), sides)
+    meridian = sides * np.arange(len(rings))
+    twin = np.arange(len(mesh.vertices))
+    twin[meridian] = len(mesh.vertices) + np.arange(len(rings))
+    middle = mesh.corners().mean(axis=1)
+    turn = np.mod(np.arctan2(middle[:, 1], middle[:, 0]), 2 * np.pi)
+    before = (turn > 2 * np.pi * (1 - 1 / sides))[:, None]
+    slit = Mesh(
+        np.vstack([mesh.vertices, mesh.vertices[meridian] + [0, 0, 5e-6]]),
+        np.where(before, twin[mesh.faces], mesh.faces),
+    )
+    assert len(topology(slit).free_loops()) == 1
+    made, reported = repaired(slit)
+    assert f"{len(rings)} vertices along cracks" in reported
+    assert len(topology(made).free) == sides
+    assert volume(made) == pytest.approx(volume(mesh), rel=1e-3)
+
+
+def test_a_seam_of_two_faces_across_the_whole_part() -> None:
+    """Two faces of a CAD file, meshed one by one: they meet in every second or third point, and so at the outline."""
+
+    def half(x: np.ndarray, step: float) -> Mesh:
+        y = np.arange(-60e-3, 60.5e-3, step)
+        gx, gy = np.meshgrid(np.abs(x), np.abs(y))
+        return grid_mesh(x, y, -np.clip(np.minimum(48e-3 - gx, 48e-3 - gy), 0.0, 12e-3))
+
+    x = np.arange(0.0, 61e-3, 12e-3)
+    left, right = half(-x[::-1], 6e-3), half(x, 4e-3)
+    vertices = np.vstack([left.vertices, right.vertices])
+    seam = {tuple(np.round(1e3 * place, 6)): k for k, place in reversed(list(enumerate(vertices)))}
+    same = np.array([seam[tuple(np.round(1e3 * place, 6))] for place in vertices])
+    mesh = Mesh(vertices, same[np.vstack([left.faces, right.faces + len(left.vertices)])])
+    assert len(topology(mesh).free_loops()) == 1
+    made, reported = repaired(mesh)
+    assert "facets along open seams were cut" in reported
+    assert np.abs(made.vertices[topology(made).vertices[topology(made).free]][..., 2]).max() < 1e-12
+    assert volume(made) == pytest.approx(volume(mesh), rel=1e-9)
+
+
+@pytest.mark.parametrize("sides", [90, 30000])
+def test_an_outline_finer_than_a_crack_is_wide_is_none(sides: int) -> None:
+    """30000 points around: 7.6 um apart."""
+    mesh = revolve(np.array([[36e-3, 0.0], [30e-3, 0.0], [20e-3, -5e-3]]), sides)
+    made, reported = repair(mesh, RADIUS)
+    assert made is mesh
+    assert reported == ()
 
 
 def test_walls_that_branch_are_refused_with_a_place() -> None:

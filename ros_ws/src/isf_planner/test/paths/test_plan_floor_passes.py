@@ -165,3 +165,15 @@ def test_a_program_lifts_the_tool_between_the_arms(tmp_path: Path) -> None:
     apart = np.linalg.norm(np.diff(points.tool_1, axis=0), axis=1) > 40e-3
     assert apart.sum() == 2
     assert points.lift[1:][apart].all()
+
+
+def test_a_floor_keeps_the_thickness_of_the_blank_with_the_overlap_method(tmp_path: Path) -> None:
+    """It is pushed down as it is; the wall beside it gets thinner."""
+    job_file = job_for(write(Cone().mesh(), tmp_path / "cone.ply"), depth="1 mm")
+    made = plan(with_floor(job_file, "thickness: overlap, floor_step: 3 mm, floor_rounds: 1")).contours
+    passes = [one for before, one in pairwise(made) if over_floor(one, before)]
+    assert len(passes) > 1
+    assert min(contour.thickness.mean() for contour in made) < 0.78e-3
+    for contour in passes:
+        assert contour.thickness == pytest.approx(1e-3, abs=1e-9)
+        assert contour.support_tip == pytest.approx(contour.forming_tip - [0.0, 0.0, 1e-3], abs=1e-9)

@@ -16,7 +16,7 @@ from isf_core.files import adsif_surface
 from isf_core.files.job import JobFile, load_job
 from isf_planner import Plan, plan
 from isf_planner.checks import part_checks
-from planner_parts import EXAMPLES, Cone, job_for, told, write
+from planner_parts import EXAMPLES, Cone, grid_mesh, job_for, told, write
 
 R = 5e-3
 T0 = 1e-3
@@ -88,6 +88,28 @@ def test_roles_swap_within_one_part() -> None:
     assert [feature.forming_tool for feature in result.tree.features] == [1, 2]
     assert result.target.z.max() == pytest.approx(4e-3, abs=1e-6)
     assert result.target.z.min() == pytest.approx(-4e-3, abs=1e-6)
+
+
+@pytest.mark.parametrize("shape", ["cone", "dome"])
+def test_a_part_is_told_to_be_moved_as_it_was(shape: str, tmp_path: Path) -> None:
+    """A dome is turned over to be planned: what was moved down was told to be moved up."""
+    sign = 1.0 if shape == "cone" else -1.0
+    mesh = CONE.mesh(50e-6)
+    write(type(mesh)(mesh.vertices * [1, 1, sign] + [3e-3, -2e-3, 7e-3], mesh.faces), tmp_path / f"{shape}.stl")
+    moved = [text for text in planned(tmp_path, shape, depth="2 mm").warnings if "was moved" in text]
+    assert len(moved) == 1
+    assert moved[0].startswith("the part was moved by (-3.000, 2.000, -7.000) mm")
+
+
+def test_what_two_tools_form_is_told_to_be_moved_once(tmp_path: Path) -> None:
+    x = np.arange(-60e-3, 60.5e-3, 1e-3)
+    gx, gy = np.meshgrid(x, x)
+    both = [np.clip(20e-3 - np.hypot(gx - side * 28e-3, gy), 0.0, 4e-3) for side in (-1.0, 1.0)]
+    write(grid_mesh(x, x, both[1] - both[0] + 7e-3), tmp_path / "both.ply")
+    job = job_for(tmp_path / "both.ply", depth="2 mm")
+    moved = [text for text in plan(job).warnings if "was moved" in text]
+    assert len(moved) == 1
+    assert "(0.000, 0.000, -7.000) mm" in moved[0].replace("-0.000", "0.000")
 
 
 def test_a_dome_needs_a_lower_tool(folder: Path) -> None:

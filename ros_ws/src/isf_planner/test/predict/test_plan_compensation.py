@@ -260,3 +260,24 @@ def test_compensation_keeps_every_gap(angle: float, opening: float, sheet: float
         gap = [tool_gap(c.forming_tip, c.support_tip, 5e-3, 5e-3) for c in (before, after)]
         np.testing.assert_allclose(*gap, atol=1e-9)
         after.validate()
+
+
+def test_what_is_formed_within_a_pocket_hangs_in_the_opening_of_the_pocket() -> None:
+    """A ring of 30 mm around an island: the sheet between it and the clamp is the pocket's wall and floor."""
+    pocket = cone(count=6)
+    within = [replace(circle(30e-3, -4e-3 - 0.5e-3 * k, sheet=0.8e-3, tools=2, feature=1), index=6 + k) for k in (0, 1)]
+    _, alone = compensate(pocket, job("sheet"))
+    _, reported = compensate([*pocket, *within], job("sheet"))
+    # the clamp of 250 x 250 mm is a circle of 141 mm
+    assert "opening over clamp is 0.71 to 0.71" in alone[1]
+    assert "opening over clamp is 0.71 to 0.71" in reported[1]
+
+
+def test_a_pocket_beside_another_one_has_its_own_opening() -> None:
+    aside = np.array([45e-3, 0.0, 0.0])
+    pockets = [
+        replace(circle(radius, tools=2, sheet=0.8e-3, feature=k).shifted(sign * aside), index=k)
+        for k, (radius, sign) in enumerate([(40e-3, -1.0), (25e-3, 1.0)])
+    ]
+    _, reported = compensate(pockets, job("sheet"))
+    assert "opening over clamp is 0.18 to 0.28" in reported[1]
