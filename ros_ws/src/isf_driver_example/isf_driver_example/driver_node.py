@@ -11,6 +11,7 @@ from __future__ import annotations
 import os
 import signal
 import time
+import traceback
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -29,6 +30,7 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
+from rclpy.time import Time
 from sensor_msgs.msg import PointCloud2, PointField
 
 from isf_driver_example.hardware import FREE, Hardware
@@ -48,6 +50,8 @@ STATE_PERIOD, HEALTH_PERIOD, POSE_PERIOD = 0.1, 0.5, 0.02
 STATE_PATIENCE = 0.5
 """s for those who listen to machine/state to take it, before a service that has changed it answers: who asked for a
 tare arms force control next."""
+RELEASE_WITHIN = 2.0
+"""s, most that tools which leave the sheet hold up a driver that is to be inactive, or to end."""
 LONGEST_CATCH_UP = 0.25
 """s of cycles that are made up for when this process was kept waiting: the machine and its converters went on."""
 TARGET_LOST, TOOL_LOADED, STOP_REQUESTED, FAULTED = 1404, 1405, 1406, 1410
@@ -63,6 +67,7 @@ class Driver:
         self._hardware = Hardware(1.0 / self._rate)
         self._check = TargetCheck(1.0 / self._rate)
         self._tared = False
+        self._forces = np.zeros((2, 3))  # N, read last
         self._tick, self._code, self._following = 0, 0, False
         self._next_cycle = 0.0  # s of the monotonic clock
         self._heard: float | None = None  # s, when the last target came; None: nothing is to be done when none comes
@@ -94,10 +99,20 @@ class Driver:
         self._running = [self._node.create_timer(period, work, clock=steady) for period, work in periods]
 
     def stop(self) -> None:
-        """Stand still."""
+        """Stand still. Nobody moves the tools any more then: loaded ones leave the sheet before, and a stop comes to
+        its end."""
+        if self._running and np.abs(self._forces).max() > FREE:
+            self._protect(STOP_REQUESTED, "the driver is told to be inactive, or to end, with a loaded tool")
+        deadline = time.monotonic() + RELEASE_WITHIN
+        while self._releasing() and time.monotonic() < deadline:
+            time.sleep(1.0 / self._rate)
+            self._on_timer()
         for timer in self._running:
             self._node.destroy_timer(timer)
         self._running = []
+
+    def _releasing(self) -> bool:
+        return bool(self._running and self._hardware.stopped) and not self._hardware.released
 
     # -- streams ---------------------------------------------------------------------------------
 
@@ -145,9 +160,10 @@ class Driver:
         """Do every cycle that is due by now; a timer alone leaves out those that it was late for."""
         now, period = time.monotonic(), 1.0 / self._rate
         self._next_cycle = max(self._next_cycle, now - LONGEST_CATCH_UP)
-        stamp = self._node.get_clock().now()
+        clock = self._node.get_clock().now().nanoseconds
         while self._next_cycle <= now:
-            self._on_cycle((stamp - Duration(seconds=now - self._next_cycle)).to_msg())
+            late = round(1e9 * (now - self._next_cycle))
+            self._on_cycle(Time(nanoseconds=max(clock - late, 0)).to_msg())  # the time of a simulation begins at 0
             self._next_cycle += period
 
     def _on_cycle(self, stamp: Any) -> None:
@@ -156,7 +172,7 @@ class Driver:
         if self._following and silent > STAND_AFTER:
             self._following = False
             self._hardware.stand()
-        forces = self._hardware.cycle()
+        forces = self._forces = self._hardware.cycle()
         if silent > RELEASE_AFTER:
             self._heard = None
             if np.abs(forces).max() > FREE:
@@ -255,28 +271,46 @@ class ManagedDriver(LifecycleNode):
             return response
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        self._driver = self._driver or Driver(self, MANAGED)
-        return self._now("inactive")
+        return self._done(self._connect, "inactive")
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         super().on_activate(state)
-        if self._driver is not None:
-            self._driver.start()
-        return self._now("active")
+        return self._done(self._start, "active")
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         super().on_deactivate(state)
-        if self._driver is not None:
-            self._driver.stop()
-        return self._now("inactive")
+        return self._done(self.stop, "inactive")
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         return self._now("unconfigured")
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        return self._done(self.stop, "finalized")
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """After a transition that raised: back to the beginning, from where it can be tried again."""
+        return self._now("unconfigured")
+
+    def _connect(self) -> None:
+        self._driver = self._driver or Driver(self, MANAGED)
+
+    def _start(self) -> None:
+        if self._driver is not None:
+            self._driver.start()
+
+    def stop(self) -> None:
+        """As :meth:`Driver.stop`, where it works."""
         if self._driver is not None:
             self._driver.stop()
-        return self._now("finalized")
+
+    def _done(self, work: Callable[[], None], label: str) -> TransitionCallbackReturn:
+        """Do the work of a transition. What it raises (the hardware is not there) rclpy would keep to itself."""
+        try:
+            work()
+        except Exception:
+            self.get_logger().error(f"not {label}: {traceback.format_exc()}")
+            return TransitionCallbackReturn.ERROR
+        return self._now(label)
 
     def _now(self, label: str) -> TransitionCallbackReturn:
         self._label = label
@@ -327,13 +361,19 @@ def main(args: list[str] | None = None) -> None:
     level = _asked_level()
     node: Node = ManagedDriver() if level == MANAGED else Node("machine")
     _declare(node)
-    if level < MANAGED:
-        Driver(node, level).start()
+    if isinstance(node, ManagedDriver):
+        stop = node.stop
+    else:
+        driver = Driver(node, level)
+        driver.start()
+        stop = driver.stop
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     try:
         while not signals and rclpy.ok():
             executor.spin_once(timeout_sec=0.1)
+        if signals:
+            stop()
     except ExternalShutdownException:
         pass
     finally:

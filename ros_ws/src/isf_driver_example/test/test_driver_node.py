@@ -3,24 +3,35 @@
 from __future__ import annotations
 
 import math
+import os
 import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
 import forked_process
 import numpy as np
 import pytest
 import rclpy
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from isf_msgs.msg import MachineState
 from isf_msgs.srv import Stop, Tare
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from rcl_interfaces.msg import Log
 from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rosgraph_msgs.msg import Clock
 
 pytestmark = [pytest.mark.graph, pytest.mark.clock]
 
 LIMIT = 60.0
 """s; only to end a test that hangs."""
+
+ROSOUT = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 RATE = 100.0
 PARKED = 25e-3
@@ -92,6 +103,11 @@ class Sender:
         assert self.wait(future.done)
         return future.result()
 
+    def change(self, transition: int) -> bool:
+        """Whether the driver has made a ``transition`` of its lifecycle."""
+        request = ChangeState.Request(transition=Transition(id=transition))
+        return bool(self.ask(ChangeState, "machine/change_state", request).success)
+
     def fault(self) -> int:
         """Code of the fault that the driver tells."""
         assert self.wait(lambda: self.state and self.state.fault_codes)
@@ -111,8 +127,8 @@ def sender() -> Iterator[Sender]:
         rclpy.try_shutdown()
 
 
-def driver(level: int, rate: float = RATE) -> Any:
-    return forked_process.node("-m", "isf_driver_example.driver_node", level=level, rate=rate)
+def driver(level: int, rate: float = RATE, **parameters: object) -> Any:
+    return forked_process.node("-m", "isf_driver_example.driver_node", level=level, rate=rate, **parameters)
 
 
 @pytest.mark.parametrize("level", [STREAMS, SERVICES])
@@ -197,3 +213,71 @@ def test_a_stop_on_request_keeps_its_code(sender: Sender) -> None:
         assert sender.fault() == 1406
         sender.send((0.0, 0.0, PARKED), "tool0")  # nothing is taken, and nothing added
         assert sender.ask(Tare, "machine/tare", Tare.Request()).code == 0
+
+
+@pytest.mark.parametrize("level", [STREAMS, SERVICES])
+def test_a_driver_that_is_told_to_end_takes_loaded_tools_off_the_sheet(sender: Sender, level: int) -> None:
+    with driver(level) as process:
+        sender.begin(tared=level == STREAMS)
+        sender.stream(PARKED, ON_SHEET)
+        assert sender.wait(lambda: sender.force > 250.0)
+        os.killpg(process.pid, signal.SIGINT)
+        assert process.wait(LIMIT) == 0
+        assert sender.wait(lambda: sender.height > 15e-3)
+        assert sender.wait(lambda: abs(sender.force) < 10.0)
+        if level == SERVICES:
+            assert sender.fault() == 1406
+
+
+@pytest.mark.parametrize("stopped", [False, True], ids=["loaded", "while it is stopped"])
+def test_a_driver_that_is_deactivated_takes_loaded_tools_off_the_sheet(sender: Sender, stopped: bool) -> None:
+    """As after a part that ended early: the executive asks for a stop, and deactivates the nodes at once."""
+    with driver(MANAGED):
+        assert sender.change(Transition.TRANSITION_CONFIGURE)
+        assert sender.change(Transition.TRANSITION_ACTIVATE)
+        sender.begin(tared=False)
+        sender.stream(PARKED, ON_SHEET)
+        assert sender.wait(lambda: sender.force > 250.0)
+        if stopped:
+            sender.ask(Stop, "machine/stop", Stop.Request(reason="a trial"))
+        assert sender.change(Transition.TRANSITION_DEACTIVATE)
+        assert sender.wait(lambda: sender.height > 15e-3)
+        assert sender.wait(lambda: abs(sender.force) < 10.0)
+        assert sender.fault() == 1406
+
+
+def test_hardware_that_is_not_there_is_told_and_tried_again(sender: Sender) -> None:
+    told: list[str] = []
+    states: list[str] = []
+
+    def on_health(message: DiagnosticArray) -> None:
+        states.extend(item.value for status in message.status for item in status.values if item.key == "state")
+
+    sender.node.create_subscription(Log, "/rosout", lambda message: told.append(message.msg), ROSOUT)
+    sender.node.create_subscription(DiagnosticArray, "/diagnostics", on_health, 10)
+    with forked_process.node(str(Path(__file__).with_name("absent_hardware.py")), level=MANAGED):
+        assert not sender.change(Transition.TRANSITION_CONFIGURE)
+        assert sender.wait(lambda: any("ConnectionError: no answer from the field bus" in text for text in told))
+        assert sender.change(Transition.TRANSITION_CONFIGURE)
+        assert sender.wait(lambda: states and states[-1] == "inactive")
+
+
+def test_a_driver_works_before_the_clock_of_a_simulation_is_there(sender: Sender) -> None:
+    """Stamps are those of the clock, which is at 0: the time of arrival, to who receives them."""
+    stamps: list[int] = []
+
+    def on_wrench(message: WrenchStamped) -> None:
+        stamps.append(message.header.stamp.sec)
+
+    sender.node.create_subscription(WrenchStamped, "tool_1/wrench", on_wrench, 10)
+    clock = sender.node.create_publisher(Clock, "/clock", 10)
+    with driver(SERVICES, use_sim_time=True):
+        assert sender.wait(lambda: len(stamps) > 20)
+        assert set(stamps) == {0}
+        assert sender.wait(clock.get_subscription_count)
+
+        def ticked() -> bool:
+            clock.publish(Clock(clock=Time(sec=1000)))
+            return stamps[-1] >= 999
+
+        assert sender.wait(ticked)

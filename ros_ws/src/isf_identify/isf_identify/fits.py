@@ -353,11 +353,11 @@ def _shown_axes(direction: Array) -> NDArray[np.bool_]:
 
 def _gaps(readings: list[Reading], geometry: ToolGeometry) -> tuple[Array, Array]:
     """(R,) m commanded gap between the balls, (R, 3) n."""
-    up = np.array([0.0, 0.0, 1.0])
-    one = np.array([item.tip_1 for item in readings]) + geometry.radii[0] * up
-    two = np.array([item.tip_2 for item in readings]) - geometry.radii[1] * up
-    distance = np.linalg.norm(two - one, axis=1)
-    return distance - sum(geometry.radii), (two - one) / distance[:, None]
+    apart = geometry.between_balls(
+        np.array([item.tip_1 for item in readings]), np.array([item.tip_2 for item in readings])
+    )
+    distance = np.linalg.norm(apart, axis=1)
+    return distance - sum(geometry.balls), apart / distance[:, None]
 
 
 def _observed(value: Array, deviation: Array) -> tuple[Array, Array]:

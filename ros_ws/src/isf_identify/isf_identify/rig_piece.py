@@ -96,5 +96,5 @@ def _conditions(probe: SqueezeProbe) -> str:
     return (
         f"{places} places, {settings.repeats} times each, {len(probe.readings)} readings, forces to "
         f"{probe.largest:.0f} N, sheet of {1e3 * probe.geometry.thickness:g} mm, balls of "
-        + " and ".join(f"{1e3 * radius:g} mm" for radius in probe.geometry.radii)
+        + " and ".join(f"{1e3 * radius:g} mm" for radius in probe.geometry.balls)
     )

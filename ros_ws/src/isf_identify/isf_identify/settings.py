@@ -44,27 +44,48 @@ class Property(IntEnum):
 
 @dataclass(frozen=True)
 class ToolGeometry:
-    """``radii`` (2,) m of the balls of tool 1 and tool 2, ``thickness`` m of the blank.
+    """``radii`` (2,) m of the tips of tool 1 and tool 2, ``thickness`` m of the blank.
 
-    ``clamp`` m, free sheet in x and y; ``plate`` under it, None without: where neither tool may stand.
+    ``clamp`` m, free sheet in x and y; ``plate`` under it, None without: where neither tool may stand. ``flats`` (2,)
+    m, radii of the flats of the tips, 0 of a hemisphere: the ball of a flat tip is its rounded edge. ``opposite``: the
+    support tool of a contour is opposite the forming one; else it stays under the blank.
     """
 
     radii: tuple[float, float]
     thickness: float
     clamp: tuple[float, float] = (np.inf, np.inf)
     plate: BackingPlateSpec | None = None
+    flats: tuple[float, float] = (0.0, 0.0)
+    opposite: bool = True
 
     @staticmethod
     def from_job(job_file: JobFile) -> ToolGeometry:
         """Of a job; without a second tool its radius is 0."""
         job = job_file.job
         radii = job.tool_1.radius, job.tool_2.radius if job.tool_2 else 0.0
-        return ToolGeometry(radii, job.sheet.thickness, job_file.rig.clamp.size, job.backing_plate)
+        flats = job.tool_1.flat_radius, job.tool_2.flat_radius if job.tool_2 else 0.0
+        return ToolGeometry(
+            radii, job.sheet.thickness, job_file.rig.clamp.size, job.backing_plate, flats, not job.support_stays
+        )
 
     @property
     def both_tools(self) -> bool:
         """False where the job has one tool."""
         return min(self.radii) > 0.0
+
+    @property
+    def balls(self) -> tuple[float, float]:
+        """m, radii of what touches a wall: the ball, or the rounded edge of a flat tip."""
+        return self.radii[0] - self.flats[0], self.radii[1] - self.flats[1]
+
+    def between_balls(self, tip_1: Array, tip_2: Array) -> Array:
+        """(..., 3) m from the centre of ball 1 to that of ball 2, for tips (..., 3); of the edge of a flat tip the part
+        that is nearest to the other tool. Flats that lie over each other touch upright."""
+        apart = tip_2 - tip_1
+        apart[..., 2] -= sum(self.balls)
+        across = np.linalg.norm(apart[..., :2], axis=-1, keepdims=True)
+        apart[..., :2] *= np.maximum(0.0, 1.0 - sum(self.flats) / np.maximum(across, 1e-12))
+        return np.asarray(apart)
 
 
 @dataclass(frozen=True)
@@ -157,7 +178,7 @@ def _default_places(geometry: ToolGeometry, wall: Contour | None, config: Contro
     if wall is None:
         apart = min(0.2 * min(config.travel[0], config.travel[1]), ROOM_SHARE * _room(geometry))
         return [_flat(np.array([x, y, 0.0]), geometry) for x, y in ((0.0, 0.0), (apart, 0.0), (0.0, apart))]
-    away = wall.support_tip - wall.forming_tip
+    away = wall.support_tip - wall.forming_tip if geometry.opposite else -wall.normal
     places: list[Place] = []
     for direction in ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)):
         along = away[:, :2] @ np.array(direction) / (np.linalg.norm(away[:, :2], axis=1) + 1e-12)
@@ -178,11 +199,21 @@ def _place_at(point: Array, geometry: ToolGeometry, wall: Contour | None) -> Pla
 
 
 def _on_wall(index: int, geometry: ToolGeometry, wall: Contour) -> Place:
-    tip_1, tip_2 = wall.forming_tip[index], wall.support_tip[index]
-    apart = (tip_2 - [0.0, 0.0, geometry.radii[1]]) - (tip_1 + [0.0, 0.0, geometry.radii[0]])
+    tip_1 = wall.forming_tip[index]
+    tip_2 = wall.support_tip[index] if geometry.opposite else _opposite(index, geometry, wall)
+    apart = geometry.between_balls(tip_1, tip_2)
     normal = apart / np.linalg.norm(apart)
     angle = float(np.arctan2(np.linalg.norm(normal[:2]), -normal[2]))
     return Place(tip_1, tip_2, normal, angle)
+
+
+def _opposite(index: int, geometry: ToolGeometry, wall: Contour) -> Array:
+    """(3,) m, tip of tool 2 with the sheet between it and tool 1, of predicted thickness."""
+    normal, ball = wall.normal[index], geometry.balls[1]
+    across = float(np.linalg.norm(normal[:2]))
+    tip = wall.contact[index] - (wall.thickness[index] + ball) * normal + [0.0, 0.0, ball]
+    tip[:2] -= geometry.flats[1] * normal[:2] / max(across, 1e-12)
+    return np.asarray(tip)
 
 
 def _flat(point: Array, geometry: ToolGeometry) -> Place:

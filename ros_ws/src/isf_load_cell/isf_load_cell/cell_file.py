@@ -57,7 +57,8 @@ class CellFile(FileModel):
     calibration_matrix: tuple[tuple[float, ...], ...] | None = None
     """Three or six rows: load (N, N m) = matrix times readings less those without load."""
     calibration_gains: dict[str, float] | None = None
-    """N per unit, by the name of the channel; with ``three_cells`` x, y and axial of cell 1, then of cells 2 and 3."""
+    """N per unit, by the name of the channel: in the order of the components of a wrench, or in that of ``channels``;
+    with ``three_cells`` x, y and axial of cell 1, then of cells 2 and 3."""
     load_cell: RigMatrix | None = None
     channels: tuple[str, ...] | None = None
     """Names of the readings, when they come by name (sensor_msgs/JointState) and not as a wrench."""
@@ -235,7 +236,7 @@ def _matrix(cell: CellFile, machine: Rig | None, where: str) -> Array:
     if cell.calibration_matrix is not None:
         matrix = np.array(cell.calibration_matrix)
     elif cell.calibration_gains is not None:
-        matrix = np.diag(list(cell.calibration_gains.values()))
+        matrix = np.diag(_gains(cell.calibration_gains, cell.channels, where))
     elif cell.load_cell is not None:
         matrix = _inverse(cell.load_cell.matrix, where)
     elif machine is not None:
@@ -266,6 +267,20 @@ def _matrix(cell: CellFile, machine: Rig | None, where: str) -> Array:
             ErrorCode.FILE_FIELD, "gains of three or six channels make a force, or nine of three_cells", where=where
         )
     return matrix
+
+
+def _gains(gains: dict[str, float], channels: tuple[str, ...] | None, where: str) -> list[float]:
+    """Of the ``channels`` in their order; without names of channels in that of the file."""
+    if channels is None:
+        return list(gains.values())
+    if set(gains) != set(channels):
+        raise IsfError(
+            ErrorCode.FILE_FIELD,
+            f"gains are those of {', '.join(gains)}, channels are {', '.join(channels)}",
+            where=f"{where}: channels",
+            advice="the names in calibration_gains are those of the channels; channels says which one reads x, y and z",
+        )
+    return [gains[name] for name in channels]
 
 
 def _inverse(rows: tuple[tuple[float, ...], ...], where: str) -> Array:

@@ -196,7 +196,7 @@ class LoadCellNode(CellNode[LoadCellParameters]):
             raise IsfError(ErrorCode.FILE_FIELD, what, where="parameter with_pose", advice="with_pose:=true")
         set_up = load_cell_set_up(p.file, p.rig, p.tool)
         self._reading = set_up.reading
-        self._stream = CellStream(self._reading, p.tare_readings)
+        self._stream = CellStream(self._reading, p.tare_readings, p.timeout)
         if isinstance(self._reading, ThreeCellReading) and (needed := self._reading.indispensable()):
             self.get_logger().warning(
                 f"load-cell channels {', '.join(needed)} cannot be spared: height is many times the radius"
@@ -220,7 +220,8 @@ class LoadCellNode(CellNode[LoadCellParameters]):
         self.create_timer(LOOK, self._look, clock=self.steady_clock)
 
     def activate(self) -> None:
-        self._stream = CellStream(self._reading, self._settings.tare_readings)  # no zero of the part before
+        p = self._settings
+        self._stream = CellStream(self._reading, p.tare_readings, p.timeout)  # no zero of the part before
         self._reported, self._heard = "", False
         self._raw.feed()  # from now on something has to come
         if self._pose is not None:

@@ -69,11 +69,13 @@ class CellReading:
     def tare(self, readings: Array, rotation: Array | None = None) -> None:
         """Zero from ``readings`` (n, C) without contact; the weight is not part of it, so the cell may be turned later.
 
-        Raises IsfError WRENCH_NOT_FINITE, WRENCH_FROZEN, NO_TARE (the tool is being touched: readings are not steady).
+        Raises IsfError WRENCH_NOT_FINITE, WRENCH_OUT_OF_RANGE (saturated), WRENCH_FROZEN, NO_TARE (the tool is being
+        touched: readings are not steady).
         """
         readings = np.atleast_2d(np.asarray(readings, dtype=float))
         if not np.isfinite(readings).all():
             raise IsfError(ErrorCode.WRENCH_NOT_FINITE, "a reading is not finite", advice="check the cable of the cell")
+        self._check_range(readings)
         if len(readings) > self.settings.frozen_after and (readings == readings[0]).all():
             what = f"{len(readings)} readings are all the same: frozen signal"
             raise IsfError(ErrorCode.WRENCH_FROZEN, what, advice=f"check the load cell's driver; {IN_LOCKSTEP}")
@@ -100,13 +102,7 @@ class CellReading:
             raise IsfError(ErrorCode.NO_TARE, "the load cell was not tared", advice="tare it with the tools free")
         if not np.isfinite(reading).all():
             raise IsfError(ErrorCode.WRENCH_NOT_FINITE, "a reading is not finite", advice="check the cable of the cell")
-        beyond = np.abs(reading) >= 0.99 * s.range
-        if beyond.any():
-            raise IsfError(
-                ErrorCode.WRENCH_OUT_OF_RANGE,
-                f"channel {int(np.argmax(beyond)) + 1} of the load cell is at the end of its range",
-                advice="reduce the load, or use a cell with a larger range",
-            )
+        self._check_range(reading)
         self._same = self._same + 1 if np.array_equal(reading, self._last) else 0
         self._last = reading
         if self._same >= s.frozen_after:
@@ -139,6 +135,17 @@ class CellReading:
         self.drift = float(np.linalg.norm(load[:3]))
         check_drift(self.drift, self.settings.drift_limit)
         return self.drift
+
+    def _check_range(self, readings: Array) -> None:
+        """Raise IsfError WRENCH_OUT_OF_RANGE for a saturated channel of ``readings`` (..., C)."""
+        beyond = np.abs(readings) >= 0.99 * self.settings.range
+        if beyond.any():
+            channel = int(np.argmax(np.atleast_2d(beyond).any(axis=0))) + 1
+            raise IsfError(
+                ErrorCode.WRENCH_OUT_OF_RANGE,
+                f"channel {channel} of the load cell is at the end of its range",
+                advice="reduce the load, or use a cell with a larger range",
+            )
 
     def _weight(self, rotation: Array | None) -> Array:
         """(3,) N or (6,) N and N m in axes of the cell, as the matrix has rows: tool and holder pull at it."""

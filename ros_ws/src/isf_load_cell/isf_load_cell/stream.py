@@ -7,6 +7,7 @@ come back by itself.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from typing import Protocol
 
@@ -40,10 +41,14 @@ class Reading(Protocol):
 
 
 class CellStream:
-    """``reading`` turns readings into wrenches; zero and drift come from the last ``tare_readings`` of them."""
+    """``reading`` turns readings into wrenches; zero and drift come from the last ``tare_readings`` of them.
 
-    def __init__(self, reading: Reading, tare_readings: int) -> None:
-        self._reading, self._needed = reading, tare_readings
+    Those from before a silence of more than ``longest_gap`` s, by the stamps, do not count: the driver may have been
+    started anew, with another zero.
+    """
+
+    def __init__(self, reading: Reading, tare_readings: int, longest_gap: float = math.inf) -> None:
+        self._reading, self._needed, self._gap = reading, tare_readings, 1e9 * longest_gap
         self._recent: deque[Array] = deque(maxlen=tare_readings)
         self._rotation: Array | None = None
         self._stamp = 0
@@ -63,6 +68,8 @@ class CellStream:
         life of a machine that waits (docs/reference/architecture.md, lockstep): no new reading, the same wrench again.
         """
         again = bool(stamp) and stamp == self._stamp
+        if stamp and self._stamp and abs(stamp - self._stamp) > self._gap:
+            self._recent.clear()
         if again and self._wrench is not None:
             return self._wrench
         self._stamp, self._rotation, self._wrench = stamp, rotation, None

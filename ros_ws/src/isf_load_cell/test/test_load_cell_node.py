@@ -175,6 +175,12 @@ def test_readings_become_wrenches_and_faults_end_them(bench: Bench, tmp_path: Pa
     assert bench.reported(DiagnosticStatus.OK, "ok")
     assert bench.health[-1][2]["publishing"] == "True"
 
+    # The driver was away for longer than the timeout: what it read before is no part of a new zero.
+    bench.tick += 3000
+    bench.answer(free() + [0.0, 0.0, 2.0, 0.0, 0.0, 0.0])
+    returned = bench.ask("tare")
+    assert (returned.success, "1 readings so far, 10 are needed" in returned.message) == (False, True)
+
     # Saturated: silence, also when the readings are good again, until the next tare.
     assert bench.silent([0.0, 995.0, 0.0, 0.0, 0.0, 0.0])
     assert bench.reported(DiagnosticStatus.ERROR, "1203 WRENCH_OUT_OF_RANGE", "channel 2")

@@ -72,7 +72,7 @@ OVERRIDES = (
 """What CellNode overrides of rclpy's node; nothing else of it may be hidden by a name of ours."""
 
 ENDS = "finalized"
-"""State of a node whose process has been told to end."""
+"""State of a node that was shut down, or whose process has been told to end: nothing brings it up any more."""
 
 OWN_ARGUMENTS: ContextVar[tuple[str, ...]] = ContextVar("OWN_ARGUMENTS", default=())
 """ROS arguments for the next node that is made, where several are made in one process."""
@@ -164,7 +164,7 @@ class CellNode(LifecycleNode, Generic[P]):
     @property
     def is_configured(self) -> bool:
         """True between configure and cleanup."""
-        return self._state_label != "unconfigured"
+        return self._state_label in ("inactive", "active")
 
     def report(self, error: IsfError) -> None:
         """Log an expected failure and keep it in ``/diagnostics`` until :meth:`report_ok`."""
@@ -336,6 +336,8 @@ class CellNode(LifecycleNode, Generic[P]):
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         if self.is_active:
             self._transition(self.deactivate, "inactive")
+        self._state_label = ENDS  # also where that failed
+        self.publish_health()
         return TransitionCallbackReturn.SUCCESS
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:

@@ -101,6 +101,32 @@ def test_a_failing_configuration_is_reported_and_the_node_stays_unconfigured(obs
         assert values(heard[-1])["state"] == "unconfigured"
 
 
+@pytest.mark.parametrize("before", ["unconfigured", "inactive", "active"])
+def test_a_node_that_was_shut_down_says_so_and_cannot_be_brought_up(observer: Node, before: str) -> None:
+    heard = listen(observer)
+    way = {
+        "unconfigured": [Transition.TRANSITION_UNCONFIGURED_SHUTDOWN],
+        "inactive": [Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_INACTIVE_SHUTDOWN],
+        "active": [
+            Transition.TRANSITION_CONFIGURE,
+            Transition.TRANSITION_ACTIVATE,
+            Transition.TRANSITION_ACTIVE_SHUTDOWN,
+        ],
+    }[before]
+
+    def changed(number: int) -> bool:
+        request = ChangeState.Request(transition=Transition(id=number))
+        return bool(call(observer, ChangeState, "sample/change_state", request).success)
+
+    with sample():
+        assert all(changed(number) for number in way)
+        assert spin_until(observer, lambda: heard and values(heard[-1])["state"] == "finalized")
+        assert not changed(Transition.TRANSITION_CONFIGURE)
+        heard.clear()
+        assert spin_until(observer, lambda: len(heard) >= 2)  # its process goes on, and goes on saying so
+        assert {values(status)["state"] for status in heard} == {"finalized"}
+
+
 def test_a_node_in_a_long_callback_says_so_and_one_that_hangs_falls_silent(observer: Node) -> None:
     heard = listen(observer)
     with sample(work=23.0):
