@@ -18,7 +18,7 @@ from isf_analysis.measures.deviation import compare
 from isf_analysis.measures.summary import summary as measured
 from isf_cell import in_process
 from isf_cell.commands.exit_codes import Exit
-from isf_cell.commands.tryout import SetUp, Tryout, _bands, _folder, try_out
+from isf_cell.commands.tryout import SetUp, Tryout, _bands, _folder, _set_ups, try_out
 from isf_cell.options import RunOptions
 from isf_cell.replay.recorded_run import read_run
 from isf_core.errors import ErrorCode, IsfError
@@ -27,6 +27,7 @@ from isf_core.types import Array
 from isf_springback.estimators import learning
 from quick_cone import FOLDER, quick_cone, quick_cone_file
 
+ADSIF = FOLDER / "adsif_cone.yaml"
 REN_CONE_PLATE = FOLDER / "ren_cone_plate.yaml"
 
 
@@ -212,6 +213,77 @@ def test_a_job_that_is_refused_leaves_no_folder(tmp_path: Path) -> None:
     assert not (tmp_path / "out").exists()
 
 
+COMPENSATED = ("path:\n", "path:\n  compensation: [sheet]\n"), ("method: analytic", "method: none")
+
+
+@pytest.mark.parametrize("kind", ["compensated", "adsif", "no part"])
+def test_what_no_try_out_corrects_is_refused_before_a_part_is_formed(tmp_path: Path, kind: str) -> None:
+    job = tmp_path / "quick_cone.yaml"
+    if kind == "compensated":
+        faster(quick_cone_file(tmp_path), *COMPENSATED)
+        field, what = "path.compensation", "sheet corrects in the plan what a try-out corrects"
+    elif kind == "adsif":
+        job.write_text(ADSIF.read_text(encoding="utf-8").replace("../parts", str(FOLDER.parent / "parts")))
+        field, what = "process", "ADSIF forms at a constant depth"
+    else:
+        fields = yaml.safe_load(quick_cone_file(tmp_path).read_text(encoding="utf-8"))
+        fields |= {"process": "SPIF", "path": {"program": "part.nc", "feed": "20 mm/s"}}
+        others = {key: value for key, value in fields.items() if key not in ("part", "tool_2", "control")}
+        job.write_text(yaml.safe_dump(others), encoding="utf-8")
+        field, what = "part", "the job names none"
+    with pytest.raises(IsfError, match=what) as caught:
+        try_out(Tryout(job, sheet="fast"), tmp_path / "out", as_json=False)
+    assert (caught.value.code, caught.value.where) == (ErrorCode.FILE_FIELD, field)
+    assert caught.value.advice
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_refused_job_leaves_what_others_put_in_the_folder(tmp_path: Path) -> None:
+    text = quick_cone_file(tmp_path).read_text(encoding="utf-8")
+    job, out = tmp_path / "plate.yaml", tmp_path / "out"
+    job.write_text(f"{text}\nbacking_plate: {{shape: circle, size: [30 mm, 30 mm]}}\n", encoding="utf-8")
+    wanted = Tryout(job, sheet="fast")
+    _folder(wanted, [SetUp("first", "as the job says", load_job(job))], out)
+    (out / "notes.txt").write_text("mine", encoding="utf-8")
+    with pytest.raises(IsfError, match="edge of the backing plate"):
+        try_out(wanted, out, as_json=False)
+    assert [item.name for item in out.iterdir()] == ["notes.txt"]
+
+
+def test_a_variant_that_had_a_say_is_no_check(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    loose = ("control:\n", "tolerance: {shape: 9 mm, share: 0.5}\ncontrol:\n")
+    job = faster(quick_cone_file(tmp_path, step="2.5 mm"), loose)
+    try_out(Tryout(job, sheet="fast", variants=(0, 21), checks=(21,)), tmp_path / "out", as_json=False)
+    assert "variants 21: the correction is made for them" in capsys.readouterr().err
+    summary = summary_of(tmp_path / "out")
+    assert summary["checks"] == []
+    assert summary["expected"]["from_variants"] == [0, 21]  # type: ignore[index]
+
+
+def test_a_part_out_of_tolerance_on_the_variants_it_is_checked_on_is_not_called_good(tmp_path: Path) -> None:
+    """In 2 mm are 71 % of the first part on the variant it is made for, and 41 % on the other one."""
+    job = faster(
+        quick_cone_file(tmp_path, step="2.5 mm"), ("control:\n", "tolerance: {shape: 2 mm, share: 0.6}\ncontrol:\n")
+    )
+    try_out(Tryout(job, sheet="fast", variants=(1,), checks=(0,)), tmp_path / "out", as_json=False)
+    summary = summary_of(tmp_path / "out")
+    assert summary["chosen"] == "first"
+    assert summary["within_tolerance"] is False
+    (told,) = summary["prevented_by"]  # type: ignore[misc]
+    assert "out of tolerance on variants that had no say in it: 0 (41 %)" in told
+
+
+def test_horizontal_corrections_which_no_plan_has_are_not_taken_for_an_answer_to_a_probe(tmp_path: Path) -> None:
+    """The part that the probes are held against is the first one again, without them."""
+    across = ("method: analytic", "method: elastic\n  elastic: {horizontal: true}")
+    job = faster(quick_cone_file(tmp_path), across)
+    try_out(Tryout(job, sheet="fast", steps=1, checks=()), tmp_path / "out", as_json=False)
+    first, again = (read_bag(tmp_path / "out" / name / "variant_0").corrections for name in ("first", "replay"))
+    assert any(made.offset[:, :2].any() for made in first)
+    assert not any(made.offset[:, :2].any() for made in again)
+    assert again[-1].offset[:, 2] == pytest.approx(first[-1].offset[:, 2], abs=0.05e-3)
+
+
 def test_a_correction_that_does_not_get_through_is_left_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The machine bears the part of this sheet, but not what the job's method adds to it."""
     job = faster(quick_cone_file(tmp_path, step="2.5 mm"), ("thickness: 1.0 mm", "thickness: 2.0 mm"))
@@ -228,6 +300,23 @@ def test_a_correction_that_does_not_get_through_is_left_out(tmp_path: Path, caps
     assert (tmp_path / "out" / "tryout.png").is_file()
 
 
+def test_no_step_is_taken_where_no_probe_gets_through(tmp_path: Path) -> None:
+    """It would be the first part again. More steps are not what helps."""
+    change = {
+        "path": {"incremental_depth": "3 mm", "point_spacing": "2 mm", "feed": "60 mm/s"},
+        "control": {"rate": "100 Hz"},
+    }
+    text = load_job(FOLDER / "tpif_cone.yaml").changed(change).text.replace("../parts", str(FOLDER.parent / "parts"))
+    (tmp_path / "job.yaml").write_text(text, encoding="utf-8")
+    try_out(Tryout(tmp_path / "job.yaml", sheet="fast", steps=1, checks=()), tmp_path / "out", as_json=False)
+    summary = summary_of(tmp_path / "out")
+    prevented = " ".join(summary["prevented_by"])  # type: ignore[arg-type]
+    assert {part["part"] for part in summary["parts"]} == {"first"}  # type: ignore[attr-defined]
+    assert "probe 1 does not complete" in prevented
+    assert "more of them may help" not in prevented
+    assert not (tmp_path / "out" / "step_1").exists()
+
+
 def test_a_part_that_no_correction_gets_through_ends_it_with_its_place(tmp_path: Path) -> None:
     """The machine bears less than this sheet takes."""
     job = faster(quick_cone_file(tmp_path), ("thickness: 1.0 mm", "thickness: 3.5 mm"))
@@ -242,7 +331,7 @@ PLATE = "backing_plate: {{shape: circle, size: [{0} mm, {0} mm]}}"
 def test_the_best_set_up_is_gone_on_with(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """One of the others cannot be formed, which is told and does not end the try-out."""
     job = faster(quick_cone_file(tmp_path, step="2.5 mm"), ("method: analytic", "method: none"))
-    ways = (PLATE.format(30), f"{PLATE.format(60)}, springback: {{method: analytic}}")
+    ways = (PLATE.format(30), f"{PLATE.format(60)},\n  springback: {{method: analytic}}")
     try_out(Tryout(job, sheet="fast", steps=1, checks=(21,), alternatives=ways), tmp_path / "out", as_json=False)
     summary = summary_of(tmp_path / "out")
     told = capsys.readouterr().err
@@ -265,7 +354,8 @@ def test_the_best_set_up_is_gone_on_with(tmp_path: Path, capsys: pytest.CaptureF
     found = load_job(tmp_path / "out" / "job.yaml").job
     assert found.backing_plate is not None
     assert found.backing_plate.size == (0.06, 0.06)
-    assert ways[1] in (tmp_path / "out" / "job.yaml").read_text(encoding="utf-8")
+    head = "# Set-up: backing_plate: {shape: circle, size: [60 mm, 60 mm]}, springback: {method: analytic}\n"
+    assert head in (tmp_path / "out" / "job.yaml").read_text(encoding="utf-8")
 
 
 def test_a_support_tool_that_may_stand_anywhere_is_tried_under_the_blank(tmp_path: Path) -> None:
@@ -377,6 +467,11 @@ def test_a_part_beyond_what_the_cells_overstate_ends_and_says_what_the_machine_b
     assert "1.8 times what ren2018 bears, since cells of this size overstate" in record.results[-1].message
 
 
+ON_BLANK = (
+    "path: {support: on_blank}, control: {support_force: null, engage_depth: null}, springback: {first_contour: null}"
+)
+
+
 @pytest.mark.parametrize(
     ("text", "code", "what"),
     [
@@ -387,6 +482,8 @@ def test_a_part_beyond_what_the_cells_overstate_ends_and_says_what_the_machine_b
         ("path: {support: beside}", ErrorCode.FILE_FIELD, "support"),
         ("springback: {method: nothing_known}", ErrorCode.METHOD_UNKNOWN, "nothing_known"),
         ("rig: nowhere.yaml", ErrorCode.FILE_NOT_FOUND, "nowhere"),
+        ("path: {compensation: [sheet]}, springback: {method: none}", ErrorCode.FILE_FIELD, "sheet corrects in the"),
+        (ON_BLANK, ErrorCode.FILE_FIELD, "the fast sheet does not know"),
     ],
 )
 def test_what_is_no_set_up_is_refused_before_a_part_is_formed(
@@ -398,6 +495,25 @@ def test_what_is_no_set_up_is_refused_before_a_part_is_formed(
     assert what in caught.value.message
     assert "--or" in caught.value.where
     assert caught.value.advice
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_set_up_that_is_tried_anyway_is_not_tried_twice(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """On the sheet that yields, the support tool is tried under the blank where the job leaves it open."""
+    job = quick_cone_file(tmp_path)
+    ways = _set_ups(Tryout(job, alternatives=(ON_BLANK, "control: {support_force: 60 N}")), load_job(job))
+    assert [way.name for way in ways] == ["first", "set-up 2", "set-up 3"]
+    assert ways[2].job_file.job.control.support_force == 60.0
+    assert "is tried already: support tool under the blank" in " ".join(capsys.readouterr().err.split())
+
+
+def test_a_method_of_a_set_up_that_another_one_overrides_is_refused(tmp_path: Path) -> None:
+    wanted = Tryout(
+        quick_cone_file(tmp_path), sheet="fast", correction="none", alternatives=("springback: {method: fused}",)
+    )
+    with pytest.raises(IsfError, match=r"springback\.method has no effect") as caught:
+        try_out(wanted, tmp_path / "out", as_json=False)
+    assert caught.value.code == ErrorCode.FILE_FIELD
     assert not (tmp_path / "out").exists()
 
 

@@ -23,6 +23,7 @@ import hashlib
 import json
 import shutil
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -40,8 +41,8 @@ from isf_core.contour import Contour, Process
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.events import torn
 from isf_core.files import yaml_file
-from isf_core.files.job import JobFile, load_job
-from isf_core.simulated_sheet import FORCE_TOO_HIGH, SEALED_VARIANTS, SheetKind
+from isf_core.files.job import JobFile, correction_refusal, load_job
+from isf_core.simulated_sheet import FORCE_TOO_HIGH, SEALED_VARIANTS, SheetKind, check_sheet
 from isf_core.types import Array
 from isf_planner import planning
 from isf_planner.checks.backing_plate import nearer_plate, plate_fields, plate_text
@@ -74,6 +75,9 @@ RIDGE = 0.03
 LONGEST_STEP = 3.0e-3
 """m of push that a step may change (assumed); half of it after one that made the part worse."""
 
+SHORTEST_STEP = 1e-6
+"""m of push below which a step is none: the same part would be formed again."""
+
 RIM_WEIGHT = 0.5
 """Of the error in the rim, against that of wall and base (assumed)."""
 
@@ -96,6 +100,9 @@ ON_BLANK = {
 }
 """Change of a job with two tools that does not say where the support tool goes: on a sheet that yields it holds the
 opening there, in place of a force. Fields that hold for the other way are left out."""
+
+LEARNED = "learned"
+"""Method by which a correction that was found is formed."""
 
 STATE = "tryout.json"
 """What a folder was begun for."""
@@ -229,6 +236,10 @@ def try_out(wanted: Tryout, output: Path | None, *, as_json: bool) -> None:
             where="--variants, --check",
             advice="take others; then isf simulate FOLDER/job.yaml --variant 101 judges the result",
         )
+    if shared := [variant for variant in wanted.checks if variant in wanted.variants]:
+        names = ", ".join(map(str, shared))
+        terminal.warn(f"variants {names}: the correction is made for them, so they are no check of it (--check)")
+        wanted = replace(wanted, checks=tuple(variant for variant in wanted.checks if variant not in shared))
     job_file = load_job(wanted.job)
     set_ups = _set_ups(wanted, job_file)
     folder = _folder(wanted, set_ups, output)
@@ -239,7 +250,9 @@ def try_out(wanted: Tryout, output: Path | None, *, as_json: bool) -> None:
         (check,) = search.form([(f"check of {search.best.name}", search.plan)], wanted.checks, scans="as wanted")
     except IsfError:
         if not any(item.is_dir() for item in folder.iterdir()):  # refused before a part was formed
-            shutil.rmtree(folder)
+            (folder / STATE).unlink()
+            with suppress(OSError):  # holds something else
+                folder.rmdir()
         raise
     except KeyboardInterrupt:
         raise IsfError(
@@ -297,7 +310,8 @@ class Search:
         start = learn_record(record, self.job_file.base)
         bands = _bands(start, record.nominal)
         base = first
-        if len(self.wanted.variants) > 1:  # each had the correction that its forces asked for
+        # each variant had the correction that its forces asked for; no plan has what some methods correct sideways
+        if len(self.wanted.variants) > 1 or _moved_sideways(record):
             (base,) = self._add([self._plan("replay", start, start.applied)])
         if not base.failures:
             self._newton(start, bands, self._probed(start, bands, base.error), base)
@@ -413,6 +427,8 @@ class Search:
         reach, idle = LONGEST_STEP, 0
         for number in range(1, self.wanted.steps + 1):
             step = _step(jacobian, error, np.maximum(low - at, -reach), np.minimum(high - at, reach))
+            if np.abs(step).max() < SHORTEST_STEP:  # no probe was completed, or there is no room for more
+                return
             (part,) = self._add([self._plan(f"step {number}", start, start.applied + bands @ (at + step))])
             if part.good:
                 return
@@ -438,6 +454,11 @@ class Search:
             if part.score > ENOUGH * best.score:
                 return
         self.steps_used_up = True
+
+
+def _moved_sideways(record: PartRecord) -> bool:
+    """Contours of the part were moved in plan as well as along the push."""
+    return any(bool(made.offset[:, :2].any()) for made in record.corrections)
 
 
 def _bands(start: Learned, nominal: Sequence[Contour]) -> Array:
@@ -468,6 +489,7 @@ def _set_ups(wanted: Tryout, job_file: JobFile) -> list[SetUp]:
     IsfError : what the job, its method, or an alternative is refused for
     """
     options = RunOptions(wanted.correction, sheet=wanted.sheet)
+    _check_correctable(job_file)
     options.check(job_file)
     found = [SetUp("first", "as the job says", job_file)]
     job = job_file.job
@@ -488,8 +510,18 @@ def _set_ups(wanted: Tryout, job_file: JobFile) -> list[SetUp]:
             raise IsfError(error.code, error.what, where=where, advice=advice) from error
         if not isinstance(change, dict) or not change:
             raise IsfError(ErrorCode.FILE_SYNTAX, "holds no fields of a job", where=where, advice=advice)
+        own = change.get("springback")
+        if wanted.correction is not None and isinstance(own, dict) and "method" in own:
+            raise IsfError(
+                ErrorCode.FILE_FIELD,
+                "springback.method has no effect: --correction names the method of every first part",
+                where=where,
+                advice="leave one of the two out",
+            )
         try:
             changed = job_file.changed(change)
+            _check_correctable(changed)
+            check_sheet(wanted.sheet, changed.job)
             options.check(changed)
             check_method(options.method(changed), changed)
         except IsfError as error:
@@ -497,8 +529,44 @@ def _set_ups(wanted: Tryout, job_file: JobFile) -> list[SetUp]:
             raise IsfError(error.code, error.what.lstrip(": "), where=where, advice=of_job) from error
         if changed.text == job_file.changed({}).text:
             raise IsfError(ErrorCode.FILE_FIELD, "changes nothing of the job", where=where, advice=advice)
+        if same := [way for way in found if job_content(way.job_file) == job_content(changed)]:
+            terminal.warn(f"{where} is tried already: {same[0].change}")
+            continue
         found.append(SetUp(f"set-up {len(found) + 1}", text.strip(), changed))
     return found
+
+
+def _check_correctable(job_file: JobFile) -> None:
+    """What a try-out finds, a correction by method learned, fits the job and can be judged.
+
+    Raises
+    ------
+    IsfError : FILE_FIELD, the process cannot be corrected, the plan corrects the sheet itself, nothing says what the
+    part is to be; what the job is refused for with that method
+    """
+    job = job_file.job
+    if refusal := correction_refusal(job.process, LEARNED):
+        raise IsfError(
+            ErrorCode.FILE_FIELD,
+            f"a try-out finds no correction for it: {refusal}",
+            where="process",
+            advice="form it as it is with isf simulate",
+        )
+    if "sheet" in job.path.compensation:
+        raise IsfError(
+            ErrorCode.FILE_FIELD,
+            "sheet corrects in the plan what a try-out corrects: the deflection of the sheet",
+            where="path.compensation",
+            advice="leave sheet out for the try-out, or form the job as it is with isf simulate",
+        )
+    if job.part is None:
+        raise IsfError(
+            ErrorCode.FILE_FIELD,
+            "a try-out holds every part against its target, and the job names none",
+            where="part",
+            advice="write part: {mesh: FILE, unit: mm} beside path.program",
+        )
+    _tried(job_file, Path("plan.npz"), None, "none")
 
 
 def _with_plate(job_file: JobFile, name: str) -> list[SetUp]:
@@ -543,7 +611,7 @@ def _tried(
     plan; its text names files by absolute paths."""
     data = _absolute(yaml_file.content(job_file.text, job_file.job.name), job_file.base)
     if plan is not None:
-        data["springback"] = {**data.get("springback", {}), "method": "learned", "learning": str(plan)}
+        data["springback"] = {**data.get("springback", {}), "method": LEARNED, "learning": str(plan)}
         if scans == "none":
             data["springback"].pop("scan_every", None)
         elif scans == "exact":
@@ -622,7 +690,9 @@ def _prevented(search: Search, check: Tried) -> list[str]:
     best = search.best
     failed = [failure.message for failure in check.failures]
     if best.good:
-        return failed
+        out = [trial for trial in check.trials if trial.within < trial.record.tolerance.share]
+        names = ", ".join(f"{trial.variant} ({percent(trial.within, 0)})" for trial in out)
+        return failed + ([f"it is out of tolerance on variants that had no say in it: {names}"] if out else [])
     worst = max(best.trials, key=lambda trial: trial.mean)
     tolerance = search.job_file.job.tolerance.shape
     signed = {name: worst.deviation.regions[name].mean for name in ("wall", "base", "rim")}
@@ -636,7 +706,9 @@ def _prevented(search: Search, check: Tried) -> list[str]:
         bound = float(np.mean((push < LEAST_PUSH + 1e-5) | (push > LARGEST_CORRECTION - 1e-5)))
         if bound > 0.05:
             found.append(f"{100 * bound:.0f} % of the places are at the limit of a correction (4 mm up, 10 mm down)")
-    if search.job_file.job.backing_plate is None and signed["rim"] < -tolerance:
+    job = search.job_file.job
+    held = job.backing_plate is not None or job.process_type is Process.TPIF or job.support_stays
+    if not held and signed["rim"] < -tolerance:
         found.append("a backing plate near the opening would hold the rim (backing_plate of the job)")
     if worst.mean - min(trial.mean for trial in best.trials) > 0.5 * tolerance:
         found.append("the variants differ by more than one correction can serve")
@@ -669,7 +741,7 @@ def _finish(search: Search, check: Tried, *, as_json: bool) -> None:
     job = folder / "job.yaml"
     head = f"# {name} with the correction of a try-out on the simulated sheet {wanted.sheet}\n"
     if search.set_up.name != search.set_ups[0].name:
-        head += f"# Set-up: {search.set_up.change}\n"
+        head += f"# Set-up: {' '.join(search.set_up.change.split())}\n"
     found = _tried(search.job_file, plan, search.correction, "as wanted", rate=np.inf)
     job.write_text(head + found.text, encoding="utf-8")
     picture = _draw(search, check.trials, folder / "tryout.png")
@@ -679,7 +751,7 @@ def _finish(search: Search, check: Tried, *, as_json: bool) -> None:
         "job": name,
         "sheet": wanted.sheet,
         "chosen": best.name,
-        "within_tolerance": best.good and not check.failures,
+        "within_tolerance": best.good and check.good,
         "prevented_by": prevented,
         "overload": overload,
         "expected": {

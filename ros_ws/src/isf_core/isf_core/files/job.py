@@ -579,11 +579,12 @@ class SpringbackSpec(FileModel):
     with `scan_every` `fused`, with `learning` `learned`; in TPIF with `scan_every` `mpc_tpif`;
     `none` in all other cases, beside `path.compensation: [sheet]`, and for a program, which is formed as it stands."""
     gain: float = Field(default=1.0, ge=0.0, le=2.0)
-    """Factor on the predicted springback."""
+    """Factor on the predicted springback; not on the push that `learned` replays."""
     first_contour: Literal["predicted", "zero"] = "predicted"
-    """Contours before which no force was measured: corrected for the force that the plan predicts (methods with a
-    model of the sheet), or not corrected, as published (Ren 2018, 4.3.1). Left out it is ``zero`` with path.support
-    on_blank, whose support tool holds the sheet there: a push would only bend it."""
+    """Contours before which no force was measured, with `elastic.block` the whole first block: corrected for the force
+    that the plan predicts (methods with a model of the sheet), or not corrected, as published (Ren 2018, 4.3.1). Left
+    out it is ``zero`` with path.support on_blank, whose support tool holds the sheet there: a push would only bend
+    it."""
     scan_every: int = Field(default=0, ge=0)
     """The shape is measured after every so many contours, for methods that use it; 0: never."""
     scan_clear: bool = True
@@ -597,7 +598,8 @@ class SpringbackSpec(FileModel):
     scan_sensor: bool = False
     """Simulated machine: scans as a scanner sees the part (noise, holes, registration) instead of exact ones."""
     open_loop_contours: int = Field(default=3, ge=0)
-    """Contours at the start whose shape is too shallow to be used (published: 3, Lu 2016, 4.2.1)."""
+    """Contours at the start of every feature and stage whose shape is too shallow to be used (published: 3, Lu 2016,
+    4.2.1)."""
     mpc: MpcSpec = MpcSpec()
     """Of the methods mpc_...."""
     elastic: ElasticSpec = ElasticSpec()

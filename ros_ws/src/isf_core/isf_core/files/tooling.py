@@ -73,7 +73,8 @@ class ToolSpec(FileModel):
     """Of the shank; None: ``radius``."""
     holder: tuple[HolderPart, ...] = ()
     """What holds the shank, from the chuck (``stick_out``) upwards: a forming tool must not run into anything with it,
-    an upright one as far as this or ``stick_out`` tells of it; none: a cylinder 60 mm long of radius 25 mm (assumed), 70 mm above the tip without ``stick_out`` (assumed)."""
+    an upright one as far as this or ``stick_out`` tells of it; none: a cylinder 60 mm long of radius 25 mm (assumed),
+    70 mm above the tip without ``stick_out`` (assumed)."""
     young_modulus: Stress = Field(default=210e9, gt=1e9, lt=1e12)
     """Of the tool; the default is that of steel."""
     name: str | None = None

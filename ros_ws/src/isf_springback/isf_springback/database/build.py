@@ -24,6 +24,7 @@ from isf_core.types import Array
 from isf_springback.database.control_points import ControlLoop, ControlPointOptions, control_points
 from isf_springback.database.database import Database, cache_folder, make_database, write_json
 from isf_springback.database.elastic_samples import DepthTask, depth_task, solve_depth
+from isf_springback.loop_path import forming_radii
 from isf_springback.sheet_edge import holding_size
 
 Progress = Callable[[int, int], None]
@@ -37,11 +38,8 @@ _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THR
 
 def control_loops_of(contours: Sequence[Contour], job_file: JobFile) -> list[ControlLoop]:
     """Control points of a plan as the job wants them."""
-    job = job_file.job
-    lower = contours[0].forming_tool == 2 and job.tool_2 is not None
-    tool = job.tool_2 if lower and job.tool_2 is not None else job.tool_1
-    options = ControlPointOptions(loop_increment=job.springback.elastic.loop_increment)
-    return control_points(contours, tool.radius, holding_size(job_file), options)
+    options = ControlPointOptions(loop_increment=job_file.job.springback.elastic.loop_increment)
+    return control_points(contours, forming_radii(job_file), holding_size(job_file), options)
 
 
 def database_tasks(contours: Sequence[Contour], loops: Sequence[ControlLoop], job_file: JobFile) -> list[DepthTask]:

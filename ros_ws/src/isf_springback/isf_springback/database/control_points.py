@@ -7,7 +7,7 @@ symmetries are found, not told.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -72,17 +72,18 @@ class ControlLoop:
 
 def control_points(
     contours: Sequence[Contour],
-    tool_radius: float,
+    tool_radius: float | Mapping[int, float],
     clamp_size: tuple[float, float],
     options: ControlPointOptions = ControlPointOptions(),
 ) -> list[ControlLoop]:
-    """Control loops of a whole plan, in its order; ``tool_radius`` m of the forming tool."""
+    """Control loops of a whole plan, in its order; ``tool_radius`` m of the forming tool, or by its number."""
     chosen = control_contours(contours, options.loop_increment)
     symmetries = part_symmetries([contours[k] for k in chosen], clamp_size, options.symmetry_tolerance)
     loops = []
     for k in chosen:
         around = _neighbours(contours, k) if options.across else ()
-        loops.append(control_loop(contours[k], tool_radius, options, symmetries, around))
+        radius = tool_radius if isinstance(tool_radius, float) else tool_radius[contours[k].forming_tool]
+        loops.append(control_loop(contours[k], radius, options, symmetries, around))
     return loops
 
 

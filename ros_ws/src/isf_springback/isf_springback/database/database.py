@@ -36,7 +36,7 @@ class DatabaseLevel:
 
     Attributes
     ----------
-    index, feature : the contour and its feature
+    index, feature, stage : the contour, its feature and its stage
     depth : m, mean height of the loop
     points : (M, 3) m, contact points in path order
     central : (M,) bool, middle of a stretch of like features; else a boundary
@@ -49,6 +49,7 @@ class DatabaseLevel:
     points: Array
     central: NDArray[np.bool_]
     displacement: Array
+    stage: int = 0
 
     def cubic(self, loads: Array) -> CubicLaw:
         """Law used for corrections."""
@@ -83,6 +84,7 @@ class Database:
                 {
                     "contour": level.index,
                     "feature": level.feature,
+                    **({"stage": level.stage} if level.stage else {}),
                     "depth_m": level.depth,
                     "points_m": np.round(level.points, 7).tolist(),
                     "central": level.central.tolist(),
@@ -146,8 +148,9 @@ def _level(item: dict[str, Any], loads: int) -> DatabaseLevel:
         raise ValueError(f"contour {item['contour']}: points and samples do not belong together")
     if not (np.isfinite(points).all() and np.isfinite(displacement).all()):
         raise ValueError(f"contour {item['contour']}: a number is missing or not finite")
+    stage = int(item.get("stage", 0))  # written where it is a further one
     return DatabaseLevel(
-        int(item["contour"]), int(item["feature"]), float(item["depth_m"]), points, central, displacement
+        int(item["contour"]), int(item["feature"]), float(item["depth_m"]), points, central, displacement, stage
     )
 
 
@@ -164,9 +167,13 @@ def make_database(
     for loop, rows in zip(loops, samples, strict=True):
         row_of = {int(point): row for point, row in zip(loop.computed, rows, strict=True)}
         displacement = np.stack([row_of[int(point)] for point in loop.same_as])
-        feature = by_index[loop.index].feature
+        contour = by_index[loop.index]
         depth = float(loop.points[:, 2].mean())
-        levels.append(DatabaseLevel(loop.index, feature, depth, loop.points, loop.central, displacement))
+        levels.append(
+            DatabaseLevel(
+                loop.index, contour.feature, depth, loop.points, loop.central, displacement, stage=contour.stage
+            )
+        )
     return Database(job_name, loads, tuple(levels), sum(len(rows) for rows in samples))
 
 
@@ -180,8 +187,9 @@ def cache_folder() -> Path:
 
 PLATE_EDGE = "propped"
 """How a plate holds the sheet; a part of the name of databases over plates."""
-STAGES = "over the stage before"
-"""What a further stage begins with; a part of the name of databases of parts that have one."""
+STAGES = "over the stage before, each with its own levels"
+"""What a further stage begins with, and what its contours go by; a part of the name of databases of parts that have
+one."""
 
 
 def cached_path(job_file: JobFile) -> Path:

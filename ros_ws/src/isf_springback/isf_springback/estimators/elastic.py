@@ -47,10 +47,11 @@ _SAME_PLACE = 1e-3
 
 @dataclass(frozen=True)
 class _Laws:
-    """Laws of one level: points (M, 3) m, ``largest`` N of the samples."""
+    """Laws of one level of one feature in one stage: points (M, 3) m, ``largest`` N of the samples."""
 
     index: int
     feature: int
+    stage: int
     points: Array
     cubic: CubicLaw
     largest: float
@@ -200,11 +201,11 @@ class ElasticModel(SheetModel):
             self._remark = "the springback database belongs to another plan; computed while forming"
         if not self._from_database:
             self._compute_if_due(contour)
-        own = [laws for laws in self._levels if laws.feature == contour.feature]
+        own = self._of_stage(contour)
         if not own:
             raise IsfError(
                 ErrorCode.DATABASE_UNUSABLE,
-                f"no control points for feature {contour.feature}",
+                f"no control points for feature {contour.feature} in stage {contour.stage}",
                 where=contour_label(contour.index),
                 advice="make the database again with: isf springback database JOB",
             )
@@ -214,6 +215,10 @@ class ElasticModel(SheetModel):
         high = after[0] if after else low
         span = high.index - low.index
         return low, high, 0.0 if span <= 0 else (contour.index - low.index) / span
+
+    def _of_stage(self, contour: Contour) -> list[_Laws]:
+        """Levels of the feature and stage of ``contour``: what a stage has formed holds the sheet of the next one."""
+        return [laws for laws in self._levels if (laws.feature, laws.stage) == (contour.feature, contour.stage)]
 
     def _belongs(self, contour: Contour) -> bool:
         """False when this very contour is in the database but runs elsewhere."""
@@ -226,7 +231,7 @@ class ElasticModel(SheetModel):
     def _compute_if_due(self, contour: Contour) -> None:
         """Add a level for ``contour`` when it is a loop increment deeper than the last one."""
         depth = float(contour.contact[:, 2].mean())
-        own = [laws for laws in self._levels if laws.feature == contour.feature]
+        own = self._of_stage(contour)
         due = self._elastic.loop_increment - 1e-6
         if own and abs(depth - float(own[-1].points[:, 2].mean())) < due:
             return
@@ -235,7 +240,8 @@ class ElasticModel(SheetModel):
         loads = load_levels(self._elastic.largest_load, _LEVELS_ONLINE)
         task = depth_task(self._seen, points, self.job_file, size=FacetSize.coarse(), loads=loads)
         samples = solve_depth(task)[row]
-        level = DatabaseLevel(contour.index, contour.feature, depth, loop.points[served], loop.central[served], samples)
+        points, central = loop.points[served], loop.central[served]
+        level = DatabaseLevel(contour.index, contour.feature, depth, points, central, samples, contour.stage)
         self._levels.append(_laws_of(level, loads))
 
     def _control_loop(self, contour: Contour) -> ControlLoop:
@@ -260,7 +266,7 @@ def _around(path: LoopPath, values: Array, place: NDArray[np.intp]) -> Array:
 
 
 def _laws_of(level: DatabaseLevel, loads: Array) -> _Laws:
-    return _Laws(level.index, level.feature, level.points, level.cubic(loads), float(loads[-1]))
+    return _Laws(level.index, level.feature, level.stage, level.points, level.cubic(loads), float(loads[-1]))
 
 
 def _few(loop: ControlLoop) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:

@@ -187,6 +187,7 @@ class _FeatureLoads:
     begun : indices of its contours so far, the one in work last
     loads : measured on the last contour that has them, after that of the one before
     blocks : the same in blocks of contours, the one being filled last
+    fault : why the newest result is of no use; None: it is of use
     """
 
     opening: Opening | None = None
@@ -195,6 +196,7 @@ class _FeatureLoads:
     begun: list[int] = field(default_factory=list)
     loads: list[MeasuredLoad] = field(default_factory=list)
     blocks: list[list[MeasuredLoad]] = field(default_factory=lambda: [[]])
+    fault: IsfError | None = None
 
 
 class AxialForce:
@@ -203,8 +205,8 @@ class AxialForce:
     Parameters
     ----------
     law : of the forecast
-    first : force on the first contour of a feature. "predicted": what the plan predicts; 0 where it predicts none, over
-        a die, and in further stages. "zero": 0, as published for block 1. "estimate": everywhere, by Aerens' regression
+    first : force on the first block of a feature. "predicted": what the plan predicts; 0 where it predicts none, over a
+        die, and in further stages. "zero": 0, as published for block 1. "estimate": everywhere, by Aerens' regression
         where the plan predicts none. When the tools have swapped, "predicted" does as "estimate": the sheet stands
         where springback left it, and tools at the planned height would not form.
     block : contours over which the force is averaged; 1: every contour by its own (Ren 2018, 4.3.1)
@@ -224,13 +226,11 @@ class AxialForce:
         self._features: dict[tuple[int, int], _FeatureLoads] = {}
         self._now = _FeatureLoads()
         self.opening: Opening | None = None
-        self._fault: IsfError | None = None
 
     def begin(self, contour: Contour, before: Contour | None) -> None:
         """``contour`` is next, after ``before``; a new plan starts anew, a feature has an own opening and loads."""
         if before is not None and before.plan_id != contour.plan_id:
             self._features = {}
-            self._fault = None
             before = None
         key = contour.feature, contour.stage
         if key not in self._features:
@@ -247,7 +247,7 @@ class AxialForce:
         """Forces measured on the contour in work, as it was corrected; what is wrong with them :meth:`check` raises."""
         current = None if history.current is None else history.current.contour
         if current is None or (current.plan_id, current.index) != (result.plan_id, result.index):
-            self._fault = IsfError(
+            self._now.fault = IsfError(
                 ErrorCode.CONTOUR_OUT_OF_ORDER,
                 f"a result of {contour_label(result.index)} came, that of "
                 f"{'none' if current is None else contour_label(current.index)} is next",
@@ -260,9 +260,9 @@ class AxialForce:
                 raise IsfError(ErrorCode.NO_FORCE_HISTORY, "was not completed", where=contour_label(result.index))
             load = axial_sheet_load(contour, result)
         except IsfError as error:
-            self._fault = error
+            self._now.fault = error
             return
-        self._fault = None
+        self._now.fault = None
         path = LoopPath.of(contour)
         mean = moving_average(path, load, path.length / SECTORS)
         place = contour.forming_tip[:, :2].copy()
@@ -278,8 +278,8 @@ class AxialForce:
 
     def check(self) -> None:
         """Raises IsfError NO_FORCE_HISTORY, CORRECTION_FAILED, CONTOUR_OUT_OF_ORDER: the last result is of no use."""
-        if self._fault is not None:
-            raise self._fault
+        if self._now.fault is not None:
+            raise self._now.fault
 
     def measured(self, contour: Contour) -> bool:
         """True when the force of this very contour was measured."""
@@ -308,8 +308,8 @@ class AxialForce:
             if whole:
                 means = [np.mean([known.seen_from(tip).load for known in block], axis=0) for block in whole[-2:]]
                 return forecast(means[-1], means[0] if len(means) == 2 else None, self._law)
-            if len(earlier) <= self._block:
-                return np.zeros(len(tip))
+            if len(earlier) <= self._block and not now.late:
+                return self._before_any(contour, tip, angle)
         if newest is not None and newest.index == contour.index:
             return newest.load
         if newest is not None and newest.index in earlier[-1:]:
@@ -329,9 +329,13 @@ class AxialForce:
                 where=contour_label(contour.index),
                 advice="the last good correction is kept; check that force control publishes contour/result",
             )
+        return self._before_any(contour, tip, angle)
+
+    def _before_any(self, contour: Contour, tip: Array, angle: Array) -> Array:
+        """(M,) N, force at ``tip`` (M, 2) m, ``angle`` (M,) rad, on a contour or block with none to go by."""
         free = contour.stage == 0 and contour.process is not Process.TPIF  # a die carries what it begins with
         known = free and len(contour.predicted_force) > 0
-        if self._first == "estimate" or (self._first == "predicted" and (now.swapped or known)):
+        if self._first == "estimate" or (self._first == "predicted" and (self._now.swapped or known)):
             return self._expected(contour, tip, angle)
         return np.zeros(len(tip))
 

@@ -1,6 +1,7 @@
 """Database of a part: built, resumed, cancelled, stored, found again; damaged files; a local cluster."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -59,6 +60,18 @@ def test_images_under_symmetry_share_one_computation(tmp_path, quick):
     assert len(level.points) == 16
     assert made.computed == 3
     assert len(np.unique(level.displacement[:, -1])) == 3
+
+
+def test_the_tools_of_both_sides_have_their_own_radius(tmp_path):
+    """Where a corner begins is seen through the window of the tool that forms it."""
+    loop = pyramid_loops(corner=12e-3, depth=1e-3)[-1]
+    text = JOB_TEXT.replace("tool_1: {radius: 5 mm}", "tool_1: {radius: 12 mm}")
+    job_file = JobFile(text, tmp_path)
+    below = replace(loop, index=1, feature=1, forming_tool=2)
+    upper, lower = build.control_loops_of([replace(loop, index=0), below], job_file)
+    (alone,) = build.control_loops_of([replace(below, index=0)], job_file)
+    assert np.array_equal(lower.points, alone.points)
+    assert np.abs(upper.points - lower.points).max() > 0.4e-3
 
 
 def test_cancelled_build_goes_on_where_it_was(tmp_path, cone, monkeypatch, quick):
@@ -128,6 +141,13 @@ def test_stored_and_found_again(tmp_path, cone, monkeypatch, quick):
     assert stored["r2"][0] > 0.99
     (tmp_path / "cone.stl").write_text("another solid")
     assert database_of(job_file) is None
+
+
+def test_levels_know_their_stage(tmp_path, cone, quick):
+    again = [replace(contour, index=4 + contour.index, stage=1) for contour in cone[:4]]
+    path = tmp_path / "db.json"
+    build_database([*cone[:4], *again], job(tmp_path), workers=0, cache=tmp_path).save(path)
+    assert [(level.index, level.stage) for level in Database.load(path).levels] == [(1, 0), (3, 0), (5, 1), (7, 1)]
 
 
 def test_a_database_is_of_what_the_accuracy_surfaces_say(tmp_path):

@@ -195,6 +195,27 @@ def test_incomplete_contour_keeps_the_last_correction():
     last_good_is_kept(method, ErrorCode.NO_FORCE_HISTORY, 9)
 
 
+def pockets_in_turn(count):
+    """Contours of two pockets 100 mm apart, level by level, the tools lifted in between."""
+    for index in range(count):
+        contour, aside = cone_contour(index // 2), np.array([100e-3 * (index % 2), 0.0, 0.0])
+        moved = {name: getattr(contour, name) + aside for name in ("contact", "forming_tip", "support_tip")}
+        yield replace(contour, index=index, feature=index % 2, retract=index > 0, **moved)
+
+
+def test_a_bad_force_is_told_by_its_pocket_alone():
+    """That of the 19th contour, in the first pocket: the second one goes on, the first one tells it at its next."""
+    method = corrector_of(AnalyticModel, job_file())
+    made = []
+    for contour in pockets_in_turn(21):
+        made.append(method.correct(contour))
+        load = np.nan if contour.index == 18 else 500.0
+        method.add_result(apply(contour, made[-1]), result_of(contour, load))
+    assert [correction.code for correction in made] == [0] * 20 + [ErrorCode.CORRECTION_FAILED]
+    assert "contour 19" in made[-1].message
+    assert made[-1].offset[:, 2].mean() == pytest.approx(made[18].offset[:, 2].mean(), abs=20e-6)
+
+
 def test_contour_out_of_order_keeps_the_last_correction():
     method = corrector_of(AnalyticModel, job_file())
     run(method, [500.0] * 8)

@@ -1,4 +1,6 @@
-"""Method "elastic": databases, the loop of one part, no database, blocks, bad input; never a jump."""
+"""Method "elastic": databases, the loop of one part, stages, no database, blocks, bad input; never a jump."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -6,8 +8,12 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
 from isf_springback import make_corrector
 from isf_springback.database.database import Database, DatabaseLevel
+from isf_springback.database.elastic_samples import depth_task, load_levels, solve_depth
+from isf_springback.database.load_displacement import cubic_law
 from isf_springback.estimators.elastic import FORCE_DEVIATION, MODEL_DEVIATION, ElasticModel
+from isf_springback.estimators.horizontal_springback import outward
 from isf_springback.loop_path import PUSH_SLOPE, LoopPath
+from isf_springback.shell.formed_sheet import FacetSize
 from springback_parts import JOB_TEXT, cone_contour, corrector_of, result_of
 
 LOADS = np.array([200.0, 400.0, 600.0])
@@ -95,6 +101,85 @@ def test_levels_are_blended_between_control_loops(tmp_path):
     assert [made[k].springback.mean() for k in (7, 9, 11)] == pytest.approx([3e-3, 2.25e-3, 1.5e-3], rel=1e-6)
 
 
+def in_two_stages(before, after):
+    """Contours of two stages of one cone, ``before`` and ``after`` of them; the tools are lifted in between."""
+    first = [cone_contour(index) for index in range(before)]
+    again = [replace(cone_contour(index), index=before + index, stage=1, retract=index == 0) for index in range(after)]
+    return [*first, *again]
+
+
+def springback_of(method, contours, force=300.0):
+    """Mean springback of every contour, m, each answered by the same axial force."""
+    found = []
+    for contour in contours:
+        found.append(method.correct(contour).springback.mean())
+        method.add_result(contour, result_of(contour, force))
+    return found
+
+
+def test_a_further_stage_goes_by_its_own_levels(tmp_path):
+    """Before its first level by that one, not by a mean with the level at the end of the stage before."""
+    levels = [
+        DatabaseLevel(
+            contour.index, 0, contour.contact[0, 2], contour.contact[:1], np.ones(1, bool), slope * LOADS[None]
+        )
+        for contour, slope in ((cone_contour(3), 10e-6), (cone_contour(5), 10e-6))
+    ]
+    again = cone_contour(3)
+    levels.append(DatabaseLevel(9, 0, -2e-3, again.contact[:1], np.ones(1, bool), 5e-6 * LOADS[None], stage=1))
+    method = corrector_of(ElasticModel, job(tmp_path), Database("cone", LOADS, tuple(levels), 3))
+    found = springback_of(method, in_two_stages(6, 6))
+    assert found[1:6] == pytest.approx([3e-3] * 5, rel=1e-6)
+    assert found[7:] == pytest.approx([1.5e-3] * 5, rel=1e-6)
+
+
+def test_a_database_without_the_stage_is_told(tmp_path):
+    method = corrector_of(ElasticModel, job(tmp_path), cone_database(count=4))
+    contours = in_two_stages(4, 1)
+    springback_of(method, contours[:4])
+    correction = method.correct(contours[4])
+    assert correction.code == ErrorCode.DATABASE_UNUSABLE
+    assert "no control points for feature 0 in stage 1" in correction.message
+
+
+def test_a_further_stage_computes_its_own_law_where_the_one_before_has_just_been(tmp_path):
+    """The law of the stage before is one of a flatter sheet, less than a loop increment away."""
+    job_file = job(tmp_path)
+    contours = in_two_stages(2, 2)
+    found = springback_of(corrector_of(ElasticModel, job_file), contours)
+    loads = load_levels(1000.0, 4)
+    task = depth_task(contours[:3], contours[2].contact[:1], job_file, size=FacetSize.coarse(), loads=loads)
+    own = cubic_law(loads, solve_depth(task)).displacement(np.array([300.0]))[0]
+    assert found[3] == pytest.approx(own, rel=1e-6)
+    assert found[1] > 1.015 * own
+
+
+def across_of(method, contours, across):
+    """Mean outward offset of every contour, m; the sheet pushes the tool inwards with ``across`` N of its wall."""
+    found = []
+    for contour in contours:
+        offset = method.correct(contour).offset[:, :2]
+        found.append(float((offset * outward(contour)).sum(axis=1).mean()))
+        result = result_of(contour, 300.0)
+        inwards = np.column_stack([outward(contour), np.zeros(len(contour))])
+        pushed = result.forming_force - across[contour.feature] * inwards
+        method.add_result(contour, replace(result, forming_force=pushed))
+    return found
+
+
+def test_pockets_in_turn_are_corrected_across_the_wall_by_their_own_force(tmp_path):
+    contours = []
+    for index in range(16):
+        contour = cone_contour(index // 2, opening=25e-3)
+        aside = np.array([90e-3 * (index % 2) - 45e-3, 0.0, 0.0])
+        moved = {name: getattr(contour, name) + aside for name in ("contact", "forming_tip", "support_tip")}
+        contours.append(replace(contour, index=index, feature=index % 2, retract=index > 0, **moved))
+    method = corrector_of(ElasticModel, job(tmp_path, "{horizontal: true, loop_increment: 3 mm}"))
+    found = across_of(method, contours, (130.0, 0.0))
+    assert found[14] > 0.01e-3
+    assert found[1::2] == pytest.approx([0.0] * 8, abs=1e-9)
+
+
 def test_control_point_takes_the_mean_force_of_its_stretch(tmp_path):
     method = corrector_of(ElasticModel, job(tmp_path), cone_database())
     contour = cone_contour(0)
@@ -119,6 +204,29 @@ def test_blocks_hold_the_mean_force_of_the_block_before(tmp_path):
     forces = [correction.control_point_force[0] for correction in made]
     assert forces == pytest.approx([0, 0, 0, 310, 310, 310, 460, 460], rel=1e-6)
     assert all(correction.code == 0 for correction in made)
+
+
+def predicted(index, force=500.0):
+    contour = cone_contour(index)
+    return replace(contour, predicted_force=np.full(len(contour), force))
+
+
+@pytest.mark.parametrize(("first", "force"), [("predicted", 500.0), ("zero", 0.0)])
+def test_the_first_block_goes_by_the_predicted_force_unless_told_otherwise(tmp_path, first, force):
+    job_file = job(tmp_path, "{block: 3}").changed({"springback": {"first_contour": first}})
+    method = corrector_of(ElasticModel, job_file, cone_database())
+    forces = []
+    for contour in (predicted(index) for index in range(5)):
+        forces.append(method.correct(contour).control_point_force[0])
+        method.add_result(contour, result_of(contour, 300.0))
+    assert forces == pytest.approx([force, force, force, 300.0, 300.0], rel=1e-6)
+
+
+def test_a_plan_taken_up_in_the_middle_lacks_the_force_of_a_block_too(tmp_path):
+    method = corrector_of(ElasticModel, job(tmp_path, "{block: 3}"), cone_database())
+    correction = method.correct(cone_contour(20))
+    assert correction.code == ErrorCode.NO_FORCE_HISTORY
+    assert not correction.offset.any()
 
 
 def test_force_beyond_the_samples_is_reported(tmp_path):
