@@ -13,7 +13,7 @@ import golden_cell as cell
 import golden_values
 import numpy as np
 import pytest
-from golden_cases import ANALYTIC, CASES, EXAMPLES, JOBS, LIFTS, LONG_PLANS, RECORDED, SENSOR, Case
+from golden_cases import ANALYTIC, CASES, EXAMPLES, JOBS, LIFTS, LONG_PLANS, RECORDED, SCANS, SENSOR, Case
 from golden_values import Quantity, Series, differences
 
 MAXIMUM_REPORTED = 15
@@ -50,6 +50,7 @@ def test_run_gives_what_was_recorded(case: Case, pytestconfig: pytest.Config) ->
         ("dsif_cone_fused", "dsif_cone", f"method: fused, {SENSOR}, {LIFTS}, {ANALYTIC}"),
         ("tpif_cone_none", "tpif_cone", "method: none"),
         ("adsif_cone_none_whole", "adsif_cone", "method: none"),
+        ("stages_fused", "stages", f"method: fused, {SCANS}, {ANALYTIC}"),
         ("pocket_and_dome_fused", "pocket_and_dome", f"method: fused, {SENSOR}, {LIFTS}, {ANALYTIC}"),
     ],
 )

@@ -104,6 +104,7 @@ def form(
         corrections=tuple(cell.corrections),
         results=tuple(cell.results),
         target=part_plan.target,
+        preforms=part_plan.preforms,
         scan=scan,
         ticks=cell.sample.tick,
         late_ticks=0,

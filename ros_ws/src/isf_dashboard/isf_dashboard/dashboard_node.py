@@ -42,8 +42,8 @@ from isf_ros import process, qos, stamps
 from isf_ros.conversion import (
     contour_from_message,
     correction_from_message,
-    height_map_from_message,
     result_from_message,
+    target_from_message,
     tip_of,
     wrench_array,
 )
@@ -263,7 +263,7 @@ class DashboardNode(CellNode[DashboardParameters]):
 
     def _on_target(self, now: float, message: PointCloud2) -> None:
         try:
-            self._target = height_map_from_message(message)
+            self._target, _ = target_from_message(message)
         except ValueError as error:
             self._feed.fault(now, "part/target", int(ErrorCode.BAG_INCOMPLETE), str(error))
             return

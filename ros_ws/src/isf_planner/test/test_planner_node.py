@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 import rclpy
 from isf_core.errors import ErrorCode
-from isf_core.files.job import load_job
+from isf_core.files.job import JobFile, load_job
 from isf_msgs.action import PlanPart
 from isf_msgs.srv import GetContour
 from isf_planner import Plan, plan
 from isf_ros import qos
-from isf_ros.conversion import contour_from_message, height_map_from_message
+from isf_ros.conversion import contour_from_message, target_from_message
 from nav_msgs.msg import Path as PathMessage
 from planner_parts import EXAMPLES
 from rclpy.action import ActionClient
@@ -111,6 +111,19 @@ def test_contours_over_the_graph_are_those_of_the_core(cell: Cell, core: Plan) -
     assert shares == sorted(shares)
 
 
+def test_the_shapes_of_the_stages_come_with_the_target(cell: Cell) -> None:
+    staged = MINI.replace("  incremental_depth", "  stages: [30 deg]\n  incremental_depth", 1)
+    core = plan(JobFile(staged, JOBS))
+    (preform,) = core.preforms
+    assert cell.plan(staged).plan_id == core.plan_id
+    got: list[PointCloud2] = []
+    cell.node.create_subscription(PointCloud2, "part/target", got.append, qos.LATCHED)
+    cell.spin_until(lambda: got)
+    target, preforms = target_from_message(got[-1])
+    np.testing.assert_array_equal(target.z, core.target.z)
+    np.testing.assert_array_equal(preforms[0].z, preform.z)
+
+
 def test_views_are_latched(cell: Cell, core: Plan) -> None:
     cell.plan(MINI)
     got: dict[str, Any] = {}
@@ -131,8 +144,9 @@ def test_views_are_latched(cell: Cell, core: Plan) -> None:
         assert 0.4 * count <= len(poses) <= 2000
         first = poses[0].pose.position
         assert [first.x, first.y, first.z] == start.tolist()
-    target = height_map_from_message(got["part/target"])
+    target, preforms = target_from_message(got["part/target"])
     np.testing.assert_array_equal(target.z, core.target.z)
+    assert preforms == ()
     markers = got["part/markers"].markers
     assert markers[0].action == Marker.DELETEALL
     assert len(markers) == 1 + len(core.contours)

@@ -6,7 +6,7 @@ A numpy archive for each contour: planned contour, correction, corrected contour
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, TypeVar
@@ -77,15 +77,24 @@ def read_records(folder: Path) -> list[ContourRecord]:
     return [_record(path) for path in newest.values()]
 
 
-def write_target(target: HeightMap, folder: Path) -> None:
-    """Replace the file of the wanted shape in ``folder``; raises IsfError FILE_NOT_WRITABLE."""
-    write_archive(folder / TARGET, _arrays("target", target), make_folder=True)
+def write_target(target: HeightMap, preforms: Sequence[HeightMap], folder: Path) -> None:
+    """Replace the file of the wanted shape, and of those of the stages before it, in ``folder``; raises IsfError
+    FILE_NOT_WRITABLE."""
+    arrays = _arrays("target", target)
+    if preforms:
+        arrays["preforms"] = np.stack([preform.z for preform in preforms])
+    write_archive(folder / TARGET, arrays, make_folder=True)
 
 
-def read_target(folder: Path) -> HeightMap | None:
-    """The wanted shape, None where there is no file of it; raises IsfError CHECKPOINT_UNUSABLE."""
+def read_target(folder: Path) -> tuple[HeightMap, tuple[HeightMap, ...]] | None:
+    """The wanted shape and those of the stages before it, None where there is no file of them; raises IsfError
+    CHECKPOINT_UNUSABLE."""
     path = folder / TARGET
-    return _decoded(HeightMap, "target", _read(path), path) if path.exists() else None
+    if not path.exists():
+        return None
+    arrays = _read(path)
+    target = _decoded(HeightMap, "target", arrays, path)
+    return target, tuple(HeightMap(target.x, target.y, z) for z in arrays.get("preforms", ()))
 
 
 def _record(path: Path) -> ContourRecord:

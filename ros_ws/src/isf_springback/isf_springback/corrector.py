@@ -26,8 +26,11 @@ corrections included, over a die in the frame of the die.
 from __future__ import annotations
 
 import time
+from collections import defaultdict
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_label, makes_floor, over_floor
@@ -38,7 +41,14 @@ from isf_core.types import Array, Mask
 from scipy.ndimage import distance_transform_edt, median_filter
 
 from isf_springback.die_room import within_room
-from isf_springback.estimators.estimator import Bounds, Estimator, FormedContour, History, Prediction
+from isf_springback.estimators.estimator import (
+    Bounds,
+    Estimator,
+    FormedContour,
+    History,
+    Prediction,
+    Wall,
+)
 from isf_springback.lift_feedback import LiftReading
 from isf_springback.loop_path import (
     HORIZONTAL_SLOPE,
@@ -84,8 +94,9 @@ class Corrector:
         self.support_stays = job_file.job.support_stays
         self._job_file = job_file
         self.history = History(ScanMemory(job_file, over_die=estimator.over_die))
-        self._floor = FloorFeedback()
-        self._force = StepForce(job_file)
+        self._floors: dict[Wall, FloorFeedback] = defaultdict(FloorFeedback)
+        self._forces: dict[Wall, StepForce] = defaultdict(partial(StepForce, job_file))
+        self._floor, self._force = FloorFeedback(), StepForce(job_file)  # of the wall in work
         self._radius = forming_radii(job_file)
         self._change = change_per_contour(job_file)
 
@@ -104,9 +115,9 @@ class Corrector:
         """True when the method learns from scans."""
         return self.estimator.uses_scans
 
-    def set_target(self, target: HeightMap) -> None:
-        """The shape that is wanted, before the first contour."""
-        self.history.scans.target = target
+    def set_target(self, target: HeightMap, preforms: Sequence[HeightMap] = ()) -> None:
+        """The shape that is wanted, and those that the stages before the last end with, before the first contour."""
+        self.history.scans.set_target(target, preforms)
 
     def correct(self, contour: Contour) -> ContourCorrection:
         """Correction of the next contour; never raises for missing or bad measurements.
@@ -183,8 +194,10 @@ class Corrector:
             self.estimator.add_shape(None, history)  # a scan from above does not show what is formed from below
             return
         shape = history.scans.take(points, None if formed is None else formed.contour, index)
-        if shape is not None and history.scans.target is not None:
-            self._floor.update(shape.surface, history.scans.target)
+        if shape is not None and formed is not None and history.scans.target is not None:
+            for wall, floor in self._floors.items():
+                if wall.stage == formed.contour.stage:
+                    floor.update(shape.surface, history.scans.target)
         self.estimator.add_shape(shape, history)
 
     # -- inside --------------------------------------------------------------------------------------
@@ -192,12 +205,11 @@ class Corrector:
     def _begin(self, contour: Contour) -> IsfError | None:
         """Advance to ``contour``; the error when it is out of order."""
         current = self.history.current
-        if current is not None and (current.contour.plan_id, current.contour.forming_tool) != (
-            contour.plan_id,
-            contour.forming_tool,
-        ):
-            self._floor, self._force = FloorFeedback(), StepForce(self._job_file)
+        if current is not None and current.contour.plan_id != contour.plan_id:
+            self._floors.clear()
+            self._forces.clear()
         fault = self.history.advance(contour)
+        self._floor, self._force = self._floors[self.history.wall], self._forces[self.history.wall]
         self.estimator.begin(contour, self.history)
         return fault
 
@@ -225,7 +237,8 @@ class Corrector:
             average=2.0 * self._radius[contour.forming_tool],
             change=bounds.largest if free else self._change,
             largest=bounds.largest,
-            smallest=-np.inf if bounds.pulls_back else 0.0,
+            # after a method that has pulled back it comes forward again by the change per contour
+            smallest=-np.inf if bounds.pulls_back else min(0.0, float(last.min())),
         )
         # tools that come back to a feature begin an open path somewhere else than where they left it
         start = None if base is None or base.contour.index != contour.index - 1 else float(base.push[-1])
@@ -411,7 +424,7 @@ NO_PASSES = _Passes(np.empty((0, 2)), np.empty(0))
 
 
 class FloorFeedback:
-    """Pushes on the floor of one feature, and the error of the floor by the newest scan."""
+    """Pushes on the floor that the wall of one feature ends in, and the error of the floor by the newest scan."""
 
     def __init__(self) -> None:
         self._formed = NO_PASSES
@@ -514,18 +527,14 @@ class FormedStep:
 
 
 class StepForce:
-    """Remembers the last two contours of one feature; see the module text."""
+    """Remembers the last two contours of one wall; see the module text."""
 
     def __init__(self, job_file: JobFile) -> None:
         self._job_file = job_file
         self._steps: list[FormedStep] = []
-        self._of: tuple[str, int, int, int] | None = None
 
     def add(self, contour: Contour, result: ContourResult) -> None:
         """What was measured while ``contour``, as corrected, was formed; a result without forces is left out."""
-        of = (contour.plan_id, contour.feature, contour.stage, contour.forming_tool)
-        if of != self._of:
-            self._steps, self._of = [], of
         share = force_share(result, self._job_file)
         axial = np.abs(np.asarray(result.forming_force, dtype=np.float64)[:, 2]) if share > 0.0 else np.empty(0)
         if not result.completed or not np.isfinite(axial).any():
@@ -539,8 +548,7 @@ class StepForce:
 
     def deepest(self, contour: Contour) -> float:
         """m, largest depth of ``contour``, mean tip along the push; infinite where nothing was measured before it."""
-        of = (contour.plan_id, contour.feature, contour.stage, contour.forming_tool)
-        if not self._steps or of != self._of:
+        if not self._steps:
             return float("inf")
         planned = self._job_file.job.path.incremental_depth
         step = largest_step(self._steps)

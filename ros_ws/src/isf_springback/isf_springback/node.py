@@ -32,9 +32,9 @@ from isf_ros.conversion import (
     contour_from_message,
     contour_to_message,
     correction_to_message,
-    height_map_from_message,
     lift_from_cloud,
     result_from_message,
+    target_from_message,
 )
 from isf_ros.lifecycle import CellNode
 from isf_ros.parameters import parameter
@@ -157,11 +157,11 @@ class SpringbackNode(CellNode[SpringbackParameters]):
 
     def _on_target(self, message: PointCloud2) -> None:
         try:
-            target = height_map_from_message(message)
+            target, preforms = target_from_message(message)
         except ValueError as error:
             self.report(IsfError(ErrorCode.CORRECTION_FAILED, f"the target is not a height map: {error}"))
             return
-        self._worker.add(partial(self._session.set_target, target))
+        self._worker.add(partial(self._session.set_target, target, preforms))
 
     def _on_lift(self, message: PointCloud2) -> None:
         try:

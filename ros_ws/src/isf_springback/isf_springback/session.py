@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -57,8 +57,8 @@ class CorrectionSession:
         self._history: list[ContourRecord] = []
         self._corrector: Corrector | None = None
         self._declined: IsfError | None = None
-        self._target: HeightMap | None = None
-        self._target_written = False
+        self._wanted: tuple[HeightMap, tuple[HeightMap, ...]] | None = None
+        self._wanted_written = False
         self._lift: tuple[float, Array] | None = None
         self._scan: tuple[float, Array] | None = None
 
@@ -100,11 +100,11 @@ class CorrectionSession:
                 self._assign_scan()
                 return
 
-    def set_target(self, target: HeightMap) -> None:
-        """The shape that is wanted."""
-        self._target, self._target_written = target, False
+    def set_target(self, target: HeightMap, preforms: Sequence[HeightMap] = ()) -> None:
+        """The shape that is wanted, and those that the stages before the last end with, on the same grid."""
+        self._wanted, self._wanted_written = (target, tuple(preforms)), False
         if self._corrector is not None:
-            self._corrector.set_target(target)
+            self._corrector.set_target(target, preforms)
 
     def add_lift(self, rows: Array, time_stamp: float) -> None:
         """Rows (K, 4) of a tool lift, see :func:`isf_springback.lift_feedback.reading_of`, stamped as scans are."""
@@ -149,9 +149,9 @@ class CorrectionSession:
 
     def save(self, folder: Path) -> None:
         """Write what has come since it was saved last; raises IsfError FILE_NOT_WRITABLE."""
-        if self._target is not None and not self._target_written:
-            write_target(self._target, folder)
-            self._target_written = True
+        if self._wanted is not None and not self._wanted_written:
+            write_target(*self._wanted, folder)
+            self._wanted_written = True
         for record in self._history:
             if not record.written:
                 record.write(folder)
@@ -164,11 +164,11 @@ class CorrectionSession:
         ------
         IsfError : FILE_NOT_FOUND, CHECKPOINT_UNUSABLE
         """
-        history, target = read_records(folder), read_target(folder)
+        history, wanted = read_records(folder), read_target(folder)
         self.forget()
         self._history = history
-        if target is not None:
-            self._target, self._target_written = target, True
+        if wanted is not None:
+            self._wanted, self._wanted_written = wanted, True
 
     def forget(self) -> None:
         """The next contour is the first of a part, whatever was formed or loaded before."""
@@ -294,8 +294,8 @@ class CorrectionSession:
     def _made(self, method: str) -> Corrector:
         assert self._job is not None  # checked by whoever corrects
         corrector = make_corrector(method, self._job)
-        if self._target is not None:
-            corrector.set_target(self._target)
+        if self._wanted is not None:
+            corrector.set_target(*self._wanted)
         return corrector
 
     def _taken_up(self, contour: Contour) -> Corrector:

@@ -175,3 +175,23 @@ def test_the_contour_that_reaches_the_floor_is_pressed_no_more_than_the_wall() -
     assert at_edge(EDGE, passes, wanted, before) == pytest.approx(before)
     wall = floor_contour(0, 25e-3, angle=np.radians(30.0))
     assert at_edge(wall, passes, wanted, before) == pytest.approx(wanted)
+
+
+def test_pockets_whose_passes_alternate_are_pressed_each_as_its_own_passes_before() -> None:
+    """Partial paths go from pocket to pocket level by level: the passes over one floor say nothing of the other."""
+    aside, contours = np.array([0.1, 0.0, 0.0]), []
+    for radius, level, angle in ((26e-3, LEVEL + 0.5e-3, 50.0), *((r, LEVEL, 0.0) for r in (25e-3, *RINGS))):
+        for feature, force in enumerate((300.0, 150.0)):
+            ring = floor_contour(len(contours), radius, level, np.radians(angle)).shifted(feature * aside)
+            expected = np.full(len(ring), force)
+            contours.append(replace(ring, feature=feature, retract=True, count=12, predicted_force=expected))
+    text = JOB_TEXT.replace("path: {", "path: {floor_step: 5 mm, ")
+    corrector = make_corrector("analytic", JobFile(text, Path(".")))
+    pushes = [-corrector.correct(contour).offset[:, 2] for contour in contours]
+    for feature in (0, 1):
+        wall, edge, *passes = pushes[feature::2]
+        assert wall.mean() > 0.4e-3
+        assert edge == pytest.approx(np.full(len(edge), wall.mean()), abs=1e-6)
+        for push in passes:
+            assert push == pytest.approx(np.full(len(push), FIRST_SHARE * wall.mean()), abs=1e-6)
+    assert pushes[0].mean() > 1.2 * pushes[1].mean()

@@ -5,11 +5,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from isf_core.contour import ContourCorrection
 from isf_core.files.job import JobFile
 from isf_springback.corrector import apply, force_share
+from isf_springback.estimators.analytic import AnalyticModel
+from isf_springback.estimators.estimator import NoCorrection
 from isf_springback.methods import make_corrector
 from scanned_sheet import COUNT, TARGET, Sheet
-from springback_parts import JOB_TEXT, cone_contour, result_of
+from springback_parts import JOB_TEXT, cone_contour, corrector_of, job_file, result_of
 
 STEP = 0.5e-3
 
@@ -84,3 +87,20 @@ def test_the_model_of_fused_is_a_choice_of_the_job():
                 alone.follow(contour, one)
         assert one.code == 0
         np.testing.assert_allclose(one.springback, other.springback, rtol=1e-6)
+
+
+@pytest.mark.parametrize("kind", [NoCorrection, AnalyticModel])
+def test_a_method_comes_forward_step_by_step_where_another_has_pulled_back(kind):
+    """The tool stands 2 mm over the plan; a contour changes by 1 mm, two incremental depths, at most."""
+    method = corrector_of(kind, job_file())
+    for index in range(3):
+        contour = cone_contour(index)
+        offset = np.tile([0.0, 0.0, 2e-3], (len(contour), 1))
+        method.follow(contour, ContourCorrection("plan", index, "learned", offset, np.zeros(len(contour))))
+        method.add_result(contour, result_of(contour, 0.0, squeeze=0.0))
+    levels = []
+    for index in (3, 4, 5):
+        contour = cone_contour(index)
+        levels.append(float(method.correct(contour).offset[:, 2].mean()))
+        method.add_result(contour, result_of(contour, 0.0, squeeze=0.0))
+    assert levels == pytest.approx([1e-3, 0.0, 0.0], abs=1e-6)

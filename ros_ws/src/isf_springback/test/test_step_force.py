@@ -101,14 +101,12 @@ def test_half_of_what_the_force_grew_beside_the_step_comes_again():
     assert step < STEP
 
 
-def test_another_feature_or_a_contour_without_forces_says_nothing():
+def test_before_the_first_contour_and_after_one_without_forces_nothing_is_known():
     known = StepForce(job())
     first = cone_contour(0)
     assert known.deepest(first) == np.inf
     known.add(first, measured(first, 0.94))
     assert known.deepest(cone_contour(1)) < np.inf
-    assert known.deepest(cone_contour(1, plan_id="other")) == np.inf
-    assert known.deepest(replace(cone_contour(1), feature=1)) == np.inf
     second = cone_contour(1)
     known.add(second, replace(measured(second, 0.94), forming_force=np.empty((0, 3))))
     assert known.deepest(cone_contour(2)) == np.inf

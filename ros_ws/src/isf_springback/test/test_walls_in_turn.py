@@ -1,15 +1,20 @@
 """Features formed in turn, and further stages: what a contour continues, and which forces it is forecast from."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from isf_core.errors import ErrorCode
+from isf_core.files.job import JobFile
+from isf_core.geometry.height_map import HeightMap
 from isf_springback.corrector import apply
 from isf_springback.estimators.analytic import AnalyticModel, AnalyticOptions
 from isf_springback.estimators.estimator import FormedContour
 from isf_springback.estimators.sheet_model import AxialForce
-from springback_parts import cone_contour, corrector_of, job_file, result_of
+from isf_springback.methods import make_corrector
+from scanned_sheet import TARGET, Sheet
+from springback_parts import JOB_TEXT, cone_contour, corrector_of, job_file, result_of
 
 CHANGE = 1e-3
 """m, two incremental depths."""
@@ -151,3 +156,54 @@ def test_asking_again_after_a_return_gives_the_same():
     form(method, contours[:12])
     first = method.correct(contours[12])
     assert np.array_equal(method.correct(contours[12]).offset, first.offset)
+
+
+SPRINGBACK = (0.8e-3, 0.2e-3)
+"""m, in the first and in the second pocket."""
+ASIDE = 45
+"""mm, middle of the pockets from that of the clamp; cells of the scan."""
+
+
+def formed_in_turn(method, load, count=40):
+    """Pushes (m) of every contour, and the remarks: two pockets of one sheet, scanned after every contour."""
+    text = JOB_TEXT.replace("method: analytic", f"method: {method}, scan_every: 1")
+    corrector = make_corrector(method, JobFile(text, Path(".")))
+    sheets = [Sheet(lambda depth, around, own=own: own) for own in SPRINGBACK]
+
+    def beside(first, second):
+        return np.minimum(np.roll(first, -ASIDE, axis=1), np.roll(second, ASIDE, axis=1))
+
+    corrector.set_target(HeightMap(TARGET.x, TARGET.y, beside(TARGET.z, TARGET.z)))
+    pushes, remarks = [], []
+    for index in range(count):
+        feature = index % 2
+        here = cone_contour(index // 2, count=count)
+        moved = here.shifted(np.array([1e-3 * ASIDE * (2 * feature - 1), 0.0, 0.0]))
+        contour = replace(moved, index=index, feature=feature, retract=index > 0)
+        correction = corrector.correct(contour)
+        assert correction.code == 0
+        sheets[feature].form(here.shifted(correction.offset))
+        corrector.add_result(apply(contour, correction), result_of(contour, load[feature], squeeze=0.0))
+        z = beside(sheets[0].z, sheets[1].z)
+        corrector.add_scan(HeightMap(TARGET.x, TARGET.y, z).points(), index)
+        pushes.append(-float(correction.offset[:, 2].mean()))
+        remarks.append(correction.remarks)
+    return np.array(pushes), remarks
+
+
+@pytest.mark.parametrize("method", ["fused", "mpc_vertical"])
+def test_scans_tell_of_every_pocket_by_itself(method):
+    """No force says that anything springs back: all is found by the scans, which show both pockets."""
+    pushes, _ = formed_in_turn(method, (0.0, 0.0))
+    for feature, springback in enumerate(SPRINGBACK):
+        assert pushes[feature::2][10:] == pytest.approx(np.full(10, springback), abs=0.15e-3)
+
+
+def test_the_force_on_one_pocket_holds_that_one_back():
+    """2.9 kN of the 3 kN that the load cell bears are no reason to form the other pocket less deep."""
+    pushes, remarks = formed_in_turn("mpc_vertical", (2900.0, 0.0), 24)
+    held = [any("force of the machine" in remark for remark in one) for one in remarks]
+    assert any(held[0::2])
+    assert not any(held[1::2])
+    assert pushes[0::2].max() < 0.4e-3
+    assert pushes[1::2][8:] == pytest.approx(np.full(4, SPRINGBACK[1]), abs=0.15e-3)

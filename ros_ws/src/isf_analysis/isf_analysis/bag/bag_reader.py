@@ -202,7 +202,7 @@ def _read_part(messages: _Messages, span: PartSpan, path: Path) -> PartRecord:
         raise _incomplete(path, f"holds the job '{job.job_name}', but no contour: nothing was formed")
     # the target is latched when the part is planned, before the job is announced; the scan comes after it
     target_message = _last(item for item in messages.of(topics.TARGET) if item[0] < span.until)
-    target = None if target_message is None else fields.height_map_of(target_message[1])
+    target, preforms = (None, ()) if target_message is None else fields.target_of(target_message[1])
     scans = [item for item in messages.of(topics.SCAN) if item[0] >= start and span.holds(item[0])]
     formed = max((result.end for result in results), default=math.inf)
     final = scan_cloud.final_scans(scans, formed, part.unfinished_since(results), part.last_news())
@@ -231,6 +231,7 @@ def _read_part(messages: _Messages, span: PartSpan, path: Path) -> PartRecord:
         corrections=corrections,
         results=results,
         target=target,
+        preforms=preforms,
         scan=scan_cloud.height_map_of(last[0], target) if last else None,
         ticks=_counted(before, after, "tick"),
         late_ticks=_counted(before, after, "late_ticks") + sum(result.late_ticks for result in results),

@@ -76,7 +76,7 @@ class _Output:
         self._write(topics.JOB, start, _job(record))
         self._write(topics.MACHINE_STATE, start, _machine_state(record, end=False))
         if record.target is not None:
-            self._write(topics.TARGET, start, _cloud(record.target))
+            self._write(topics.TARGET, start, _target(record.target, record.preforms))
         corrected = {contour.index: contour for contour in record.corrected}
         corrections = {correction.index: correction for correction in record.corrections}
         results = {result.index: result for result in record.results}
@@ -189,6 +189,12 @@ def _values(source: Any, table: dict[str, str]) -> dict[str, Any]:
             value = value.item()
         values[name] = int(value) if name == "process" else value
     return values
+
+
+def _target(target: HeightMap, preforms: Sequence[HeightMap]) -> Any:
+    table, names = fields.target_table(target, preforms)
+    rows, columns, count = table.shape
+    return _cloud_of(np.asarray(table, dtype="<f8").reshape(-1, count), rows, columns, _header(0.0), names)
 
 
 def _cloud(height_map: HeightMap) -> Any:

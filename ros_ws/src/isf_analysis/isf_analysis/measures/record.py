@@ -59,6 +59,8 @@ class PartRecord:
     formed_sheet : thickness and strain margin of the simulated sheet at the end; None: of a real machine, or not told
     base_folder : that relative paths in the job refer to; empty: not known
     plan_warnings : what the planner warned of; empty too when the record is older than this
+    preforms : shapes that the stages before the last end with, on the grid of ``target``; empty too when the record is
+        older than this
     """
 
     job_name: str
@@ -93,6 +95,7 @@ class PartRecord:
     tool_compliance: tuple[Vector, Vector] | None = None
     formed_sheet: ThinnedSheet | None = None
     plan_warnings: tuple[str, ...] = ()
+    preforms: tuple[HeightMap, ...] = ()
 
     @property
     def planned(self) -> int:

@@ -81,6 +81,13 @@ def test_what_the_plan_warned_of_comes_back(tmp_path: Path) -> None:
     assert read_bag(write_bag(part, tmp_path / "bag")).plan_warnings == part.plan_warnings
 
 
+def test_the_shapes_of_the_stages_come_back(tmp_path: Path) -> None:
+    assert PART.target is not None
+    preforms = tuple(replace(PART.target, z=share * PART.target.z) for share in (0.3, 0.6))
+    part = replace(PART, preforms=preforms)
+    assert_same(part, read_bag(write_bag(part, tmp_path / "bag")))
+
+
 def test_the_formed_sheet_comes_back_and_one_that_is_none_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -158,13 +158,15 @@ def learn_record(record: PartRecord, base: Path | None, known: Learned | None = 
         record.job_name,
         known,
         _shapes(record, job_file),
+        record.preforms,
     )
 
 
 def _shapes(record: PartRecord, job_file: JobFile) -> dict[int, FormedShape]:
     """What the scans between the contours of ``record`` show, after the contours of their index."""
     memory = ScanMemory(job_file)
-    memory.target = record.target
+    assert record.target is not None  # seen by the caller
+    memory.set_target(record.target, record.preforms)
     contours = {contour.index: contour for contour in record.nominal if contour.forming_tool == 1}
     taken = [(scan.index, memory.take(scan.points(), contours.get(scan.index), scan.index)) for scan in record.scans]
     return {index: shape for index, shape in taken if shape is not None}

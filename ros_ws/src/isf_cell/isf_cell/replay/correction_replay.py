@@ -33,7 +33,7 @@ def replay_corrections(
     part = run.part
     corrector = make_corrector(method, job_file)
     if part.target is not None:
-        corrector.set_target(part.target)
+        corrector.set_target(part.target, part.preforms)
     corrected = {contour.index: contour for contour in part.corrected}
     results = {result.index: result for result in part.results}
     found = []

@@ -494,7 +494,7 @@ def _play_into_springback(live: _Live, run: RecordedRun, job_file: JobFile, prog
     )
     live.client.set_parameter("springback", "base_folder", str(job_file.base), live.watch)
     if part.target is not None:
-        target.publish(conversion.height_map_to_message(part.target, stamps.from_seconds(0.0)))
+        target.publish(conversion.target_to_message(part.target, part.preforms, stamps.from_seconds(0.0)))
         target.wait_for_all_acked(Duration(seconds=ARRIVES))  # a service that is asked may be faster than some MB
     info.publish(_info(run, job_file))
     live.settled()

@@ -173,7 +173,8 @@ def _plan(part: PartRecord) -> Plan | None:
     """The recorded contours as a plan; None where not all are recorded: it is planned again from the job."""
     if not part.nominal or len(part.nominal) < part.planned or part.target is None:
         return None
-    return Plan(part.plan_id, part.nominal, part.target, (np.empty((0, 3)), np.empty((0, 3), dtype=np.int64)), ())
+    no_mesh = np.empty((0, 3)), np.empty((0, 3), dtype=np.int64)
+    return Plan(part.plan_id, part.nominal, part.target, no_mesh, (), preforms=part.preforms)
 
 
 def _values(config: ControlConfig) -> dict[str, Any]:

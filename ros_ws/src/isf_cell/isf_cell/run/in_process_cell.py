@@ -138,11 +138,11 @@ class InProcessCell:
         assert self.part_plan is not None  # planned before
         job_file, sample = self._job_file, self.sample
         self._corrector = make_corrector(goal.method, job_file)
-        self._corrector.set_target(self.part_plan.target)
+        self._corrector.set_target(self.part_plan.target, self.part_plan.preforms)
         if self._change is not None and self._change.correction is not None:
             method, changed = self._change.correction
             self._successor = make_corrector(method, with_raised_force_limit(changed, self._sheet))
-            self._successor.set_target(self.part_plan.target)
+            self._successor.set_target(self.part_plan.target, self.part_plan.preforms)
         config = ControlConfig.from_job(job_file, support_force=goal.options.support_force)
         self._controller = ForceController(replace(config, **self._control))  # type: ignore[arg-type]
         tips = sample.tip_1.tolist(), sample.tip_2.tolist()

@@ -24,7 +24,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from functools import partial
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
 from isf_core.contour import Contour, ContourResult, contour_label
@@ -39,6 +39,20 @@ if TYPE_CHECKING:
     from isf_springback.die_room import DieRoom
     from isf_springback.lift_feedback import LiftReading
     from isf_springback.scan import FormedShape
+
+
+class Wall(NamedTuple):
+    """What contours of one plan form together, each the next part of it; others may come in between, whose correction
+    and forces say nothing of it."""
+
+    feature: int
+    stage: int
+    forming_tool: int
+
+
+def wall_of(contour: Contour) -> Wall:
+    """The wall that ``contour`` is a part of."""
+    return Wall(contour.feature, contour.stage, contour.forming_tool)
 
 
 @dataclass(frozen=True)
@@ -78,6 +92,7 @@ class History:
     Attributes
     ----------
     base, current : None where there is none
+    wall, of_wall : the wall in work, and the indices of its contours so far, the one in work last
     scans : the target, and the shapes measured between contours
     """
 
@@ -85,7 +100,10 @@ class History:
         self.scans = scans
         self.base: FormedContour | None = None
         self.current: FormedContour | None = None
+        self.wall = Wall(0, 0, 1)
+        self.of_wall: list[int] = []
         self._left: dict[tuple[int, int], FormedContour] = {}
+        self._walls: dict[Wall, list[int]] = {}
 
     def advance(self, contour: Contour) -> IsfError | None:
         """Prepare for ``contour``; returns CONTOUR_OUT_OF_ORDER when it does not follow the last one.
@@ -93,15 +111,19 @@ class History:
         Asking again for the same contour starts from the same base; a new plan starts anew.
         """
         current = self.current
+        if contour.stage != self.scans.stage:
+            self.scans.work_on(contour.stage)
         if current is None or current.contour.plan_id != contour.plan_id:
             if current is not None:
                 self.scans.clear()
             self.base = self.current = None
-            self._left = {}
+            self._left, self._walls = {}, {}
+            self._count(contour)
             return None
         last = current.contour
         if contour.index == last.index:
             return None
+        self._count(contour)
         self._left[last.feature, last.stage] = current
         # lifted tools need not go on from the push that they had elsewhere
         base = self._left.get((contour.feature, contour.stage)) if contour.retract else current
@@ -116,6 +138,12 @@ class History:
             where=f"plan {contour.plan_id}",
             advice="contours must come in the order of the plan; the last good correction is kept",
         )
+
+    def _count(self, contour: Contour) -> None:
+        self.wall = wall_of(contour)
+        before = self._walls.get(self.wall, [])
+        self.of_wall = [*(index for index in before if index < contour.index), contour.index]
+        self._walls[self.wall] = self.of_wall
 
     def last(self, contour: Contour) -> LastCorrection:
         """The correction of the base at the nearest place in plan view of every point of ``contour``; zero when there

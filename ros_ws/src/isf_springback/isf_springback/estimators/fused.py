@@ -18,23 +18,31 @@ share it. The method "learned" keeps such a bias against a part formed before.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from isf_core.contour import Contour, ContourResult
 from isf_core.errors import IsfError
 from isf_core.files.job import JobFile, lift_interval
-from isf_core.geometry.height_map import HeightMap
 from isf_core.types import Array
 from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
 from isf_springback.estimators.analytic import AnalyticModel, AnalyticOptions
-from isf_springback.estimators.estimator import Bounds, Estimator, FormedContour, History, Prediction
+from isf_springback.estimators.estimator import (
+    Bounds,
+    Estimator,
+    FormedContour,
+    History,
+    Prediction,
+    Wall,
+    wall_of,
+)
 from isf_springback.estimators.sheet_model import SheetModel
 from isf_springback.lift_feedback import LiftReading
 from isf_springback.loop_path import LoopSamples, change_per_contour, forming_radii, nearest_points
 from isf_springback.scan import FormedShape
+from isf_springback.scan.formed_shape import floor_under
 from isf_springback.scan.readings import (
     CONTOURS_PER_PLACE,
     PLACES,
@@ -87,6 +95,37 @@ def steady_model(job_file: JobFile) -> SheetModel:
     return ElasticModel(job_file, law="hold", axial_only=True)
 
 
+@dataclass
+class _WallEstimate:
+    """What is known of one wall.
+
+    Attributes
+    ----------
+    wall, bottom : biases; None before anything was measured
+    steps : the contours that made the wall in reach of the scan
+    confirmed : a scan has confirmed the model ; doubtful : share of the places at which the last one was implausible
+    remarks : on the last scan
+    movement : still to come ; scanned : contour and shape that it was read after last
+    floor : m, height of the floor that it ends in, None until it is asked for
+    """
+
+    wall: BiasField | None = None
+    bottom: BiasField | None = None
+    steps: list[ModelledContour] = field(default_factory=list)
+    confirmed: bool = False
+    doubtful: float = 0.0
+    remarks: tuple[str, ...] = ()
+    movement: BiasField | None = None
+    scanned: tuple[Contour, FormedShape] | None = None
+    floor: float | None = None
+
+    def next_wall(self) -> _WallEstimate:
+        """What is known of a wall that this tool begins after this one: the biases of the model."""
+        return _WallEstimate(
+            self.wall, self.bottom, confirmed=self.confirmed, doubtful=self.doubtful, remarks=self.remarks
+        )
+
+
 @dataclass(frozen=True)
 class ModelledContour:
     """One contour of N points: how it was pushed, and what the model says of it, with the force measured on it once
@@ -98,7 +137,7 @@ class ModelledContour:
 
 
 class FusedEstimator(Estimator):
-    """See the module text. State: the model, both biases, the contours that made the wall in reach of the scan."""
+    """See the module text. State: the model, and what is known of every wall."""
 
     name = "fused"
     uses_lifts = True
@@ -109,30 +148,22 @@ class FusedEstimator(Estimator):
         self._model = model(job_file)
         self._radius = forming_radii(job_file)
         self._change = change_per_contour(job_file)
-        self._wall: BiasField | None = None
-        self._bottom: BiasField | None = None
-        self._steps: list[ModelledContour] = []
-        self._wall_begins = 0
-        self._confirmed = False
-        self._remarks: tuple[str, ...] = ()
-        self._doubtful = 0.0
+        self._walls: dict[Wall, _WallEstimate] = {}
+        self._now = _WallEstimate()
         self._first: tuple[str, int] | None = None
         self._before: Contour | None = None
-        self._movement: BiasField | None = None
-        self._scanned: tuple[Contour, FormedShape] | None = None
         self._predicted: tuple[Contour, Array] | None = None
 
     def begin(self, contour: Contour, history: History) -> None:
-        """As the base class; a bias is one of pushing one way on one part."""
-        before = self._before
-        if before is not None and (before.plan_id, before.forming_tool) != (contour.plan_id, contour.forming_tool):
-            self._wall = self._bottom = None
-            self._steps = []
-            self._confirmed = False
-            self._doubtful = 0.0
-            self._remarks = ()
-        if before is not None and not same_wall(before, contour):
-            self._movement = self._scanned = None
+        """As the base class; a wall begins with the bias of the one before it that was pushed the same way."""
+        before, wall = self._before, history.wall
+        if before is not None and before.plan_id != contour.plan_id:
+            self._walls, before = {}, None
+        if wall not in self._walls:
+            # a further stage begins at the opening, the bias at the end of the one before is one of the floor
+            alike = before is not None and wall_of(before)[1:] == wall[1:]
+            self._walls[wall] = self._now.next_wall() if alike else _WallEstimate()
+        self._now = self._walls[wall]
         self._before = contour
         self._predicted = None
         self._model.begin(contour, history)
@@ -144,12 +175,12 @@ class FusedEstimator(Estimator):
         place, disagreement, deviation, moving = self._bias(contour, history)
         movement = np.clip(moving, -LARGEST_MOVEMENT, LARGEST_MOVEMENT)
         bias = np.clip(disagreement, -np.maximum(model.springback, LARGEST_BIAS), LARGEST_BIAS)
-        remarks = [*model.remarks, *self._remarks, *self._model_alone(contour)]
+        remarks = [*model.remarks, *self._now.remarks, *self._model_alone(contour)]
         if np.abs(disagreement).max() >= REPORTED_BIAS:
             followed = "" if np.array_equal(bias, disagreement) else ", which is followed only in part"
             far = float(disagreement[np.argmax(np.abs(disagreement))])
             remarks.append(f"the scanned shape shows {1e3 * far:+.1f} mm of springback relative to the model{followed}")
-        remarks += implausible(self._doubtful)
+        remarks += implausible(self._now.doubtful)
         if not np.array_equal(moving, movement):
             far = float(moving[np.argmax(np.abs(moving))])
             way = "rises" if far > 0.0 else "sinks"
@@ -182,69 +213,70 @@ class FusedEstimator(Estimator):
                 self._predicted = contour, np.zeros(len(contour))
         if formed.over_floor:
             return  # it says nothing of the wall
-        before = [
-            step for step in self._steps if step.contour.index < contour.index and same_wall(step.contour, contour)
-        ]
-        if not before:
-            self._wall_begins = contour.index
-        self._steps = [*before[1 - CONTOURS_PER_PLACE :], ModelledContour(contour, formed.push, self._predicted[1])]
+        now = self._now
+        before = [step for step in now.steps if step.contour.index < contour.index]
+        now.steps = [*before[1 - CONTOURS_PER_PLACE :], ModelledContour(contour, formed.push, self._predicted[1])]
 
     def add_result(self, contour: Contour, result: ContourResult, history: History) -> None:
         """Forces for the model."""
         self._model.add_result(contour, result, history)
         known = self._model.hindsight()
-        if known is not None and self._steps and self._steps[-1].contour.index == contour.index:
-            self._steps[-1] = replace(self._steps[-1], model=known)
+        if known is not None and self._now.steps and self._now.steps[-1].contour.index == contour.index:
+            self._now.steps[-1] = replace(self._now.steps[-1], model=known)
 
     def add_lift(self, reading: LiftReading | None, index: int) -> None:
         """A tool lift scales the model; as far as scans have fixed the sum of model and bias, the sum stays."""
-        before = [self._model.lifted_share(step.contour.contact) for step in self._steps]
+        known = [one for one in self._walls.values() if one.steps]
+        before = [[self._model.lifted_share(step.contour.contact) for step in one.steps] for one in known]
         self._model.add_lift(reading, index)
-        if not self._steps:
-            return
-        factors = [
-            self._model.lifted_share(step.contour.contact) / old for step, old in zip(self._steps, before, strict=True)
-        ]
-        last = self._steps[-1]
-        grown = (factors[-1] - 1.0) * last.model
-        self._wall, self._bottom = (_shifted(field, last.contour, grown) for field in (self._wall, self._bottom))
-        self._steps = [
-            replace(step, model=factor * step.model) for step, factor in zip(self._steps, factors, strict=True)
-        ]
+        for one, shares in zip(known, before, strict=True):
+            factors = [
+                self._model.lifted_share(step.contour.contact) / old
+                for step, old in zip(one.steps, shares, strict=True)
+            ]
+            last = one.steps[-1]
+            grown = (factors[-1] - 1.0) * last.model
+            one.wall, one.bottom = (_shifted(bias, last.contour, grown) for bias in (one.wall, one.bottom))
+            one.steps = [
+                replace(step, model=factor * step.model) for step, factor in zip(one.steps, factors, strict=True)
+            ]
 
     def add_shape(self, shape: FormedShape | None, history: History) -> None:
         """Update both biases from the shape after the contour in work."""
         current, target = history.current, history.scans.target
         if current is not None and current.contour.forming_tool != 1:
-            self._remarks = (FROM_BELOW,)
+            self._now.remarks = (FROM_BELOW,)
             return
-        if shape is None or current is None or target is None or not self._steps:
+        now = self._now
+        if shape is None or current is None or target is None or not now.steps:
             return
-        contour = current.contour
-        found = shape_remarks(shape, target, float(contour.forming_tip[:, 2].min()), self.job_file)
+        contour, began = current.contour, history.scans.began
+        found = shape_remarks(shape, target, float(contour.forming_tip[:, 2].min()), self.job_file, began)
         if current.over_floor:
-            self._remarks = (*shape.remarks, *found)
+            now.remarks = (*shape.remarks, *found)
             return
-        reading = read_errors(contour, shape, target, self._radius[contour.forming_tool])
+        reading = read_errors(contour, shape, target, self._radius[contour.forming_tool], began)
         noise = np.full(len(reading.place), float(np.hypot(READING_DEVIATION, shape.noise)))
         known = self._fields(reading.place)
-        surprise = reading.wall - expected_error(self._steps, reading.place)
+        surprise = reading.wall - expected_error(now.steps, reading.place)
         edge = EDGE_CONTOURS if held_by_plate(contour, self.job_file) else CONTOURS_PER_PLACE
-        if contour.index - self._wall_begins < edge:
+        if len(history.of_wall) <= edge:
             # Still the edge of the opening: no push makes it better where it stands too high, as it always does a
             # little. Where it lies too deep the coming contours would press it deeper yet.
             surprise = np.where(surprise < 0.0, surprise, np.nan)
             if np.isfinite(surprise).any():
-                self._wall, _ = updated(known[0], surprise, noise)
+                now.wall, _ = updated(known[0], surprise, noise)
             return
-        last = self._steps[-1]
+        last = now.steps[-1]
         near = nearest_points(reading.place, contour.forming_tip[:, :2])
-        self._add_movement(contour, shape, target, reading.place)
-        self._wall, doubt_wall = updated(known[0], surprise, noise)
-        self._bottom, _ = updated(known[1], reading.bottom - (last.model - last.pushed)[near], noise)
-        self._confirmed = True
-        self._doubtful = float(doubt_wall.mean())
-        self._remarks = (*shape.remarks, *found)
+        self._add_movement(contour, shape, history, reading.place)
+        now.wall, doubt_wall = updated(known[0], surprise, noise)
+        surprise = reading.bottom - (last.model - last.pushed)[near]
+        if now.bottom is not None or np.isfinite(surprise).any():
+            now.bottom, _ = updated(known[1], surprise, noise)
+        now.confirmed = True
+        now.doubtful = float(doubt_wall.mean())
+        now.remarks = (*shape.remarks, *found)
 
     # -- inside --------------------------------------------------------------------------------------
 
@@ -256,32 +288,36 @@ class FusedEstimator(Estimator):
         measured = job.springback.scan_every or lift_interval(job, self.name)
         return () if measured or self._first[1] != contour.index else (MODEL_ALONE,)
 
-    def _add_movement(self, contour: Contour, shape: FormedShape, target: HeightMap, place: Array) -> None:
+    def _add_movement(self, contour: Contour, shape: FormedShape, history: History, place: Array) -> None:
         """Update the movement to come, at ``place`` (M, 2) m, from the last two shapes of one wall."""
-        before, self._scanned = self._scanned, (contour, shape)
-        if before is None or before[0].index >= contour.index:
+        before, self._now.scanned = self._now.scanned, (contour, shape)
+        target = history.scans.target
+        if before is None or before[0].index >= contour.index or target is None:
             return
-        moved, deviation = movement_to_come(contour, shape, *before, target, self._radius[contour.forming_tool])
-        self._movement, _ = updated(self._moving(place), moved, deviation)
+        contours = sum(index > before[0].index for index in history.of_wall)
+        moved, deviation = movement_to_come(
+            contour, shape, *before, contours, target, self._radius[contour.forming_tool]
+        )
+        self._now.movement, _ = updated(self._moving(place), moved, deviation)
 
     def _unconfirmed(self) -> bool:
         """True while scans are to come and none has confirmed the model, or the last one contradicts it."""
         if self.job_file.job.springback.scan_every != 1:
             return False  # several contours without a scan: the model is all there is
-        return not self._confirmed or self._doubtful > DOUBTFUL_SHARE
+        return not self._now.confirmed or self._now.doubtful > DOUBTFUL_SHARE
 
     def _fields(self, place: Array) -> tuple[BiasField, BiasField]:
         """Both biases at ``place`` (M, 2) m, one contour later than last time."""
-        drift = 1.0 + DRIFT_AFTER_SURPRISE * self._doubtful
-        wall = first_field(place) if self._wall is None else carried(self._wall, place, drift)
-        bottom = first_field(place) if self._bottom is None else carried(self._bottom, place, drift)
+        drift = 1.0 + DRIFT_AFTER_SURPRISE * self._now.doubtful
+        wall = first_field(place) if self._now.wall is None else carried(self._now.wall, place, drift)
+        bottom = first_field(place) if self._now.bottom is None else carried(self._now.bottom, place, drift)
         return wall, bottom
 
     def _moving(self, place: Array) -> BiasField:
         """The movement to come at ``place`` (M, 2) m, one contour later than last time."""
-        if self._movement is None:
+        if self._now.movement is None:
             return first_field(place)
-        return carried(self._movement, place, MOVEMENT_DRIFT)
+        return carried(self._now.movement, place, MOVEMENT_DRIFT)
 
     def _bias(self, contour: Contour, history: History) -> tuple[Array, Array, Array, Array]:
         """Places (M, 3) m; bias, its standard deviation and the movement to come along the contour, (N,) m each."""
@@ -289,10 +325,13 @@ class FusedEstimator(Estimator):
         wall, bottom = self._fields(samples.contact[:, :2])
         moving = self._moving(samples.contact[:, :2])
         target = history.scans.target
-        if target is None or self.job_file.job.path.floor_step is not None:
-            share = np.zeros(len(contour))  # passes over the floor make it
+        unseen = self._now.bottom is None and history.scans.began is not None
+        if target is None or unseen or self.job_file.job.path.floor_step is not None:
+            share = np.zeros(len(contour))  # passes over the floor make it, or the stage before has made it
         else:
-            share = floor_share(contour, target, self._radius[contour.forming_tool])
+            if self._now.floor is None:
+                self._now.floor = floor_under(target, contour)
+            share = floor_share(contour, self._now.floor, self._radius[contour.forming_tool])
         on_wall, on_floor, wall_deviation, floor_deviation, movement = samples.along(
             wall.bias, bottom.bias, wall.deviation, bottom.deviation, moving.bias
         )
@@ -300,13 +339,13 @@ class FusedEstimator(Estimator):
         return samples.contact, bias, np.maximum(wall_deviation, floor_deviation), (1.0 - share) * movement
 
 
-def _shifted(field: BiasField | None, contour: Contour, grown: Array) -> BiasField | None:
-    """``field`` after the model has ``grown`` by (N,) m along ``contour``: less where measured, as it was elsewhere."""
-    if field is None:
+def _shifted(known: BiasField | None, contour: Contour, grown: Array) -> BiasField | None:
+    """``known`` after the model has ``grown`` by (N,) m along ``contour``: less where measured, as it was elsewhere."""
+    if known is None:
         return None
-    measured = 1.0 - np.clip(field.deviation / OF_A_MODEL.deviation, 0.0, 1.0) ** 2
-    shift = measured * grown[nearest_points(field.place, contour.contact[:, :2])]
-    return BiasField(field.place, field.bias - shift, field.covariance)
+    measured = 1.0 - np.clip(known.deviation / OF_A_MODEL.deviation, 0.0, 1.0) ** 2
+    shift = measured * grown[nearest_points(known.place, contour.contact[:, :2])]
+    return BiasField(known.place, known.bias - shift, known.covariance)
 
 
 def expected_error(steps: Sequence[ModelledContour], place: Array) -> Array:
@@ -327,16 +366,6 @@ def expected_error(steps: Sequence[ModelledContour], place: Array) -> Array:
     return np.asarray(total / count)
 
 
-def same_wall(known: Contour, contour: Contour) -> bool:
-    """True when both contours belong to one feature, stage and forming tool of one plan."""
-    return (known.plan_id, known.feature, known.stage, known.forming_tool) == (
-        contour.plan_id,
-        contour.feature,
-        contour.stage,
-        contour.forming_tool,
-    )
-
-
 def implausible(doubtful: float) -> tuple[str, ...]:
     """Remark on a scan of which the share ``doubtful`` of the places surprised; none where it is small."""
     if doubtful <= DOUBTFUL_SHARE:
@@ -344,9 +373,9 @@ def implausible(doubtful: float) -> tuple[str, ...]:
     return (f"the last scan is implausible at {100 * doubtful:.0f} % of the places: it is given less weight",)
 
 
-def floor_share(contour: Contour, target: HeightMap, radius: float) -> Array:
-    """(N,) 0 on the wall .. 1 where ``contour``, of a ball of ``radius`` m, makes the floor of ``target``."""
-    remaining = np.abs(contour.forming_tip[:, 2] - float(np.nanmin(target.z)))
+def floor_share(contour: Contour, floor: float, radius: float) -> Array:
+    """(N,) 0 on the wall .. 1 where ``contour``, of a ball of ``radius`` m, makes the ``floor`` at a height of m."""
+    remaining = np.abs(contour.forming_tip[:, 2] - floor)
     height = radius * (1.0 - np.cos(np.radians(50.0)))
     return np.asarray(np.clip(1.0 - remaining / height, 0.0, 1.0))
 

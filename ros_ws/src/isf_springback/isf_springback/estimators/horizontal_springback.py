@@ -8,6 +8,7 @@ friction. The squeeze between two tools is a pair that leaves the sheet alone; i
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 from isf_springback.database.control_points import ControlLoop
 from isf_springback.database.elastic_samples import depth_task, load_levels
 from isf_springback.database.load_displacement import CubicLaw, cubic_law
+from isf_springback.estimators.estimator import Wall, wall_of
 from isf_springback.loop_path import LoopPath, moving_average, nearest_points
 from isf_springback.shell.formed_sheet import FacetSize, mesh_of
 from isf_springback.shell.load_path import follow_loads
@@ -41,7 +43,6 @@ SMALLEST_SLOPE = np.sin(np.radians(10.0))
 class AcrossLoad:
     """Outward load of one contour: ``place`` (N, 2) m, ``load`` (N,) N on the sheet, positive outwards."""
 
-    plan_id: str
     index: int
     place: Array
     load: Array
@@ -51,7 +52,6 @@ class AcrossLoad:
 class AcrossLevel:
     """Laws of one depth: ``places`` (M, 2) m along the loop, their ``law`` across the wall."""
 
-    feature: int
     depth: float
     places: Array
     law: CubicLaw
@@ -80,7 +80,7 @@ def across_load(contour: Contour, result: ContourResult) -> AcrossLoad | None:
         return None
     path = LoopPath.of(contour)
     mean = moving_average(path, load, path.length / SECTORS)
-    return AcrossLoad(contour.plan_id, contour.index, contour.forming_tip[:, :2].copy(), mean)
+    return AcrossLoad(contour.index, contour.forming_tip[:, :2].copy(), mean)
 
 
 def across_level(
@@ -104,23 +104,46 @@ def across_level(
     moved = follow_loads(model, mesh.loaded.tolist(), along, loads, model.factor())
     samples = np.einsum("mlk,mk->ml", moved, along)
     depth = float(contour.contact[:, 2].mean())
-    return AcrossLevel(contour.feature, depth, loop.points[:, :2], cubic_law(loads, samples[row]))
+    return AcrossLevel(depth, loop.points[:, :2], cubic_law(loads, samples[row]))
+
+
+@dataclass
+class _WallState:
+    """What is known of one wall: the newest laws (``level``), the newest ``load``, and the indices of its contour in
+    work (``index``) and of the one ``before`` that, -1 where there is none."""
+
+    level: AcrossLevel | None = None
+    load: AcrossLoad | None = None
+    index: int = -1
+    before: int = -1
 
 
 class HorizontalSpringback:
-    """State: the newest laws (``level``) and the newest load."""
+    """State: what is known of every wall of the part."""
 
     def __init__(self, job_file: JobFile) -> None:
         self._job_file = job_file
-        self.level: AcrossLevel | None = None
-        self._load: AcrossLoad | None = None
+        self._plan_id = ""
+        self._walls: dict[Wall, _WallState] = defaultdict(_WallState)
+        self._now = _WallState()
+
+    @property
+    def level(self) -> AcrossLevel | None:
+        """The newest laws of the wall in work."""
+        return self._now.level
+
+    @level.setter
+    def level(self, level: AcrossLevel) -> None:
+        self._now.level = level
 
     def begin(self, contour: Contour) -> None:
-        """Prepare for ``contour``; another plan or feature begins without laws."""
-        if self.level is not None and self.level.feature != contour.feature:
-            self.level = None
-        if self._load is not None and self._load.plan_id != contour.plan_id:
-            self._load = self.level = None
+        """Prepare for ``contour``; another plan, and another wall, begins without laws."""
+        if contour.plan_id != self._plan_id:
+            self._walls.clear()
+        self._plan_id = contour.plan_id
+        now = self._now = self._walls[wall_of(contour)]
+        if contour.index != now.index:
+            now.before, now.index = now.index, contour.index
 
     def due(self, contour: Contour) -> bool:
         """True when ``contour`` is a loop increment deeper than the laws at hand, and walls have begun."""
@@ -128,17 +151,17 @@ class HorizontalSpringback:
             return False
         level, depth = self.level, float(contour.contact[:, 2].mean())
         step = self._job_file.job.springback.elastic.loop_increment - 1e-6
-        return level is None or level.feature != contour.feature or abs(depth - level.depth) >= step
+        return level is None or abs(depth - level.depth) >= step
 
     def add_result(self, contour: Contour, result: ContourResult) -> None:
         """The load measured on ``contour``; without one the last offset is kept."""
-        self._load = across_load(contour, result) if result.completed else None
+        self._now.load = across_load(contour, result) if result.completed else None
 
     def wanted(self, contour: Contour) -> Array | None:
-        """(N,) m, outward offset against the springback across the wall under the load of the contour before; None:
+        """(N,) m, outward offset against the springback across the wall under the load of its contour before; None:
         not known."""
-        load, level = self._load, self.level
-        if load is None or level is None or load.index != contour.index - 1:
+        load, level = self._now.load, self.level
+        if load is None or level is None or load.index != self._now.before:
             return None
         path = LoopPath.of(contour)
         place = nearest_points(level.places, contour.contact[:, :2])

@@ -11,7 +11,9 @@ answers with the edge of it, and says so. Both stay inside the limits of every c
 from __future__ import annotations
 
 from bisect import bisect
+from collections import defaultdict
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -21,7 +23,15 @@ from isf_core.files.job import JobFile
 from isf_core.types import Array
 
 from isf_springback.estimators import learning
-from isf_springback.estimators.estimator import Bounds, Estimator, FormedContour, History, Prediction
+from isf_springback.estimators.estimator import (
+    Bounds,
+    Estimator,
+    FormedContour,
+    History,
+    Prediction,
+    Wall,
+    wall_of,
+)
 from isf_springback.estimators.fused import (
     DRIFT_AFTER_SURPRISE,
     LARGEST_BIAS,
@@ -34,14 +44,14 @@ from isf_springback.estimators.fused import (
     first_field,
     floor_share,
     implausible,
-    same_wall,
     shift_lever,
     updated,
 )
-from isf_springback.estimators.learning import FEATURES, Learned, features, floor_of
+from isf_springback.estimators.learning import FEATURES, Learned, features
 from isf_springback.loop_path import LARGEST_CORRECTION, LoopPath, LoopSamples, forming_radii, nearest_points
 from isf_springback.scan import FormedShape
 from isf_springback.scan.feedback import contour_over_die, target_over_die
+from isf_springback.scan.formed_shape import floor_under
 from isf_springback.scan.readings import CONTOURS_PER_PLACE, PLACES, READING_DEVIATION, read_errors
 
 FEWEST_SAMPLES = 200
@@ -98,14 +108,17 @@ class LearnedEstimator(Estimator):
         remarks: list[str] = []
         push = self._predict(contour, history, remarks)
         if self._difference is None:
-            return Prediction(push, remarks=tuple(remarks))
+            # a part before was pushed by so much: no gain of a model applies to it
+            return Prediction(push, push if self._replays else None, remarks=tuple(remarks))
         bias, deviation = self._difference.along(contour, history)
         remarks += self._difference.remarks
         if np.abs(bias).max() >= REPORTED_BIAS:
             far = 1e3 * float(bias[np.argmax(np.abs(bias))])
             remarks.append(f"scans show {far:+.1f} mm of springback relative to the part before")
+        push = push + np.clip(bias, -LARGEST_BIAS, LARGEST_BIAS)
         return Prediction(
-            push + np.clip(bias, -LARGEST_BIAS, LARGEST_BIAS),
+            push,
+            push,
             deviation=deviation,
             remarks=tuple(remarks),
             fault=history.scans.fault_before(contour),
@@ -126,16 +139,26 @@ class LearnedEstimator(Estimator):
             self._difference.add_shape(shape, history)
 
 
+@dataclass
+class _WallDifference:
+    """What is known of one wall: ``wall`` and ``bottom`` biases, the contours that made it in reach of the scan
+    (``steps``), of the newest scan ``remarks`` and the share of ``doubtful`` places, and the height m of the ``floor``
+    that it ends in, None until it is asked for."""
+
+    wall: BiasField | None = None
+    bottom: BiasField | None = None
+    steps: list[ModelledContour] = field(default_factory=list)
+    doubtful: float = 0.0
+    remarks: tuple[str, ...] = ()
+    floor: float | None = None
+
+
 class Difference:
     """What scans show of this part that the same scans of the part before, in ``before``, did not show.
 
     A contour pushed deeper than then is expected to leave the wall deeper by as much. What is measured beyond that is
     the bias of :mod:`isf_springback.estimators.fused`: of the wall, and where the last contours make the floor, of
     the bottom. What a wall still does once the contact has passed was learned with the correction.
-
-    Attributes
-    ----------
-    remarks : what a person should know of the newest scan
     """
 
     def __init__(self, before: Learned, job_file: JobFile) -> None:
@@ -143,19 +166,21 @@ class Difference:
         self._seen = _seen_everywhere(before)
         self._radius = forming_radii(job_file)
         self._floor_passes = job_file.job.path.floor_step is not None
-        self.remarks: tuple[str, ...] = ()
-        self._contour: Contour | None = None
-        self._wall: BiasField | None = None
-        self._bottom: BiasField | None = None
-        self._steps: list[ModelledContour] = []
-        self._doubtful = 0.0
+        self._plan_id = ""
+        self._walls: dict[Wall, _WallDifference] = defaultdict(_WallDifference)
+        self._now = _WallDifference()
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What a person should know of the newest scan of the wall in work."""
+        return self._now.remarks
 
     def begin(self, contour: Contour) -> None:
         """``contour`` is next; a difference is one of one wall, formed from one side."""
-        if self._contour is not None and not same_wall(self._contour, contour):
-            self._wall = self._bottom = None
-            self._steps, self._doubtful, self.remarks = [], 0.0, ()
-        self._contour = contour
+        if contour.plan_id != self._plan_id:
+            self._walls.clear()
+        self._plan_id = contour.plan_id
+        self._now = self._walls[wall_of(contour)]
 
     def along(self, contour: Contour, history: History) -> tuple[Array, Array]:
         """(N,) m, springback of ``contour`` beyond that of the part before, and its standard deviation."""
@@ -168,7 +193,9 @@ class Difference:
         if self._floor_passes:
             share += makes_floor(contour)
         elif target is not None:
-            share = floor_share(contour, target, self._radius[contour.forming_tool])
+            if self._now.floor is None:
+                self._now.floor = floor_under(target, contour)
+            share = floor_share(contour, self._now.floor, self._radius[contour.forming_tool])
         return (1.0 - share) * on_wall + share * on_floor, np.maximum(wall_deviation, floor_deviation)
 
     def add_formed(self, formed: FormedContour) -> None:
@@ -176,44 +203,45 @@ class Difference:
         contour = formed.contour
         place, applied = self._known(contour, self._before.applied)
         then = _along(contour, place, applied)
-        earlier = [step for step in self._steps if step.contour.index < contour.index]
-        self._steps = [*earlier[1 - CONTOURS_PER_PLACE :], ModelledContour(contour, formed.push, then)]
+        earlier = [step for step in self._now.steps if step.contour.index < contour.index]
+        self._now.steps = [*earlier[1 - CONTOURS_PER_PLACE :], ModelledContour(contour, formed.push, then)]
 
     def add_shape(self, shape: FormedShape | None, history: History) -> None:
         """The shape measured after the contour in work."""
-        current, target = history.current, history.scans.target
-        if shape is None or current is None or target is None or not self._steps:
+        current, target, now = history.current, history.scans.target, self._now
+        if shape is None or current is None or target is None or not now.steps:
             return
         contour = current.contour
         if contour.forming_tool != 1:
             return
-        self.remarks = (*shape.remarks, *(() if self._before.seen is not None else (NOTHING_SEEN,)))
-        reading = read_errors(contour, shape, target, self._radius[contour.forming_tool])
+        reading = read_errors(contour, shape, target, self._radius[contour.forming_tool], history.scans.began)
         noise = np.full(len(reading.place), float(np.hypot(READING_DEVIATION, shape.noise)))
         place, seen = self._known(contour, self._seen)
         then = seen[nearest_points(reading.place, place)]
         wall, bottom = self._fields(contour, reading.place)
-        last = self._steps[-1]
+        last = now.steps[-1]
         near = nearest_points(reading.place, contour.forming_tip[:, :2])
-        self._wall = wall
+        now.wall = wall
         if not current.over_floor:  # which says nothing of the wall
-            surprise = reading.wall - then[:, 0] - expected_error(self._steps, reading.place)
-            self._wall, doubt = updated(wall, surprise, noise)
-            self._doubtful = float(doubt.mean())
+            surprise = reading.wall - then[:, 0] - expected_error(now.steps, reading.place)
+            now.wall, doubt = updated(wall, surprise, noise)
+            now.doubtful = float(doubt.mean())
         surprise = reading.bottom - then[:, 1] - (last.model - last.pushed)[near]
-        self._bottom, _ = updated(bottom, surprise, noise)
-        self.remarks += implausible(self._doubtful)
+        now.bottom, _ = updated(bottom, surprise, noise)
+        nothing = () if self._before.seen is not None else (NOTHING_SEEN,)
+        now.remarks = (*shape.remarks, *nothing, *implausible(now.doubtful))
 
     # -- inside --------------------------------------------------------------------------------------
 
     def _fields(self, contour: Contour, place: Array) -> tuple[BiasField, BiasField]:
         """Both biases at ``place`` (M, 2) m of ``contour``, one contour later than last time."""
-        drift = 1.0 + DRIFT_AFTER_SURPRISE * self._doubtful
+        now = self._now
+        drift = 1.0 + DRIFT_AFTER_SURPRISE * now.doubtful
         lever = shift_lever(contour, place)
-        if self._wall is None or self._bottom is None:
+        if now.wall is None or now.bottom is None:
             return first_field(place, SHEETS_DIFFER, lever), first_field(place, SHEETS_DIFFER)
-        wall = carried(self._wall, place, drift, SHEETS_DIFFER, lever)
-        return wall, carried(self._bottom, place, drift, SHEETS_DIFFER)
+        wall = carried(now.wall, place, drift, SHEETS_DIFFER, lever)
+        return wall, carried(now.bottom, place, drift, SHEETS_DIFFER)
 
     def _known(self, contour: Contour, values: Array) -> tuple[Array, Array]:
         """Places (M, 2) m of ``contour`` in the file, and ``values`` (K, ...) of them."""
@@ -303,7 +331,7 @@ def learned_map(job_file: JobFile) -> LearnedEstimator:
             )
         if contour.process is Process.TPIF:  # depths of samples count from the top of the die
             target, contour = target_over_die(target), contour_over_die(contour)
-        row = features(contour, floor_of(target, contour.forming_tool))
+        row = features(contour, floor_under(target, contour))
         inside = np.clip(row, low, high)
         far = np.abs(row - inside) > 0.05 * np.maximum(high - low, 1e-9)
         for k in np.flatnonzero(far.any(axis=0)):

@@ -30,7 +30,8 @@ from numpy.typing import NDArray
 
 from isf_springback.loop_path import LARGEST_CORRECTION, LoopPath, nearest_points
 from isf_springback.scan import FormedShape, ScanExpectation, process_scan
-from isf_springback.scan.feedback import contour_over_die, shape_over_die, target_over_die, turned_shape
+from isf_springback.scan.feedback import StageShapes, contour_over_die, shape_over_die, target_over_die, turned_shape
+from isf_springback.scan.formed_shape import floor_under
 from isf_springback.scan.readings import read_errors
 
 FORMAT = 1
@@ -157,6 +158,7 @@ def learn_part(
     job: str,
     known: Learned | None = None,
     shapes: Mapping[int, FormedShape] = MappingProxyType({}),
+    preforms: Sequence[HeightMap] = (),
 ) -> Learned:
     """Knowledge after one more part.
 
@@ -166,6 +168,8 @@ def learn_part(
     flange at z = 0, over a die as well
     radius : m, of the forming tool ; known : from earlier parts of the same plan, or of other ones (samples only)
     shapes : scanned after some of the contours, by their index
+    preforms : what the stages before the part end with, on the grid of ``target``: the finished part does not tell
+        their errors, and their contours are corrected as they were
 
     Raises
     ------
@@ -188,10 +192,12 @@ def learn_part(
         lowest = min(float(contour.forming_tip[:, 2].min()) for contour in nominal)
         shape = process_scan(scan, ScanExpectation(target, clamp, lowest))
     index, place, applied, error, feature, seen = [], [], [], [], [], []
+    stages = StageShapes(target, tuple(preforms))
     for contour, correction in zip(nominal, corrections, strict=True):
-        reading = read_errors(contour, shape, target, radius)
+        wanted = stages.end(contour.stage)
+        reading = read_errors(contour, shape, wanted, radius)
         near = nearest_points(reading.place, contour.forming_tip[:, :2])
-        floor, too_little = floor_of(target, contour.forming_tool), -contour.push_sign
+        floor, too_little = floor_under(wanted, contour), -contour.push_sign
         left = np.abs(contour.forming_tip[near, 2] - floor)
         share = np.where(np.isfinite(reading.bottom), np.clip(1.0 - left / (FULL_HEIGHT * radius), 0.0, 1.0), 0.0)
         bottom = np.where(np.isfinite(reading.bottom), reading.bottom, 0.0)
@@ -199,10 +205,12 @@ def learn_part(
         index.append(np.full(len(near), contour.index))
         place.append(reading.place)
         applied.append(contour.push_sign * np.asarray(correction.offset)[near, 2])
-        error.append(too_little * ((1.0 - share) * wall + share * bottom))
+        of_part = too_little * ((1.0 - share) * wall + share * bottom)
+        error.append(np.full(len(near), np.nan) if contour.stage < len(preforms) else of_part)
         feature.append(features(contour, floor)[near])
-        then = read_errors(contour, shapes[contour.index], target, radius) if contour.index in shapes else None
-        nothing = np.full((len(near), 2), np.nan)
+        then, nothing = None, np.full((len(near), 2), np.nan)
+        if contour.index in shapes:
+            then = read_errors(contour, shapes[contour.index], wanted, radius, stages.begin(contour.stage))
         seen.append(nothing if then is None else too_little * np.column_stack([then.wall, then.bottom]))
     before = known if known is not None and known.job == job and _of_plan(known, nominal) else None
     now = Learned(
@@ -238,11 +246,6 @@ def misplaced(known: Learned, contour: Contour) -> float:
 def _of_plan(known: Learned, nominal: Sequence[Contour]) -> bool:
     """True when ``known`` was learned on the contours ``nominal``, all of a plan."""
     return known.contours == len(nominal) and all(misplaced(known, contour) <= SAME_PLACE for contour in nominal)
-
-
-def floor_of(target: HeightMap, forming_tool: int) -> float:
-    """m, height of ``target`` where ``forming_tool`` (1 from above, 2 from below) goes farthest."""
-    return float(np.nanmin(target.z) if forming_tool == 1 else np.nanmax(target.z))
 
 
 def features(contour: Contour, floor: float) -> Array:

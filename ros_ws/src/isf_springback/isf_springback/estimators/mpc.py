@@ -26,6 +26,7 @@ from isf_springback.estimators.mpc_problem import solve_coupled
 from isf_springback.estimators.mpc_state import PolarContour, Sections, distribute
 from isf_springback.loop_path import forming_radius
 from isf_springback.scan.feedback import contour_over_die, target_over_die
+from isf_springback.scan.formed_shape import floor_under
 from isf_springback.scan.sections import contact_reach
 
 Strategy = Literal["vertical", "two_directional", "tpif"]
@@ -109,7 +110,7 @@ class ModelPredictiveEstimator(Estimator):
             raise fault
         last = history.last(contour)
         move = None
-        if contour.index >= self.job_file.job.springback.open_loop_contours:
+        if len(history.of_wall) > self.job_file.job.springback.open_loop_contours:
             move = self._move(contour, history)
         shape = history.scans.fresh(contour)
         remarks: tuple[str, ...] = () if shape is None else shape.remarks
@@ -160,7 +161,8 @@ class ModelPredictiveEstimator(Estimator):
             angles = np.concatenate([references, 2 * np.pi * np.arange(PER_DIRECTION) / PER_DIRECTION])
         cut = mpc_state.radial_sections(formed, angles, shape.surface, target, radius, inside)
         level = self._levels(formed, contour, target)
-        error = mpc_state.bottom_error(cut, float(level[0]))
+        began = history.scans.began
+        error = mpc_state.bottom_error(cut, float(level[0]), began=began)
         if self.strategy == "tpif":
             near = (references[:, None] + NEARBY).ravel()
             free = self._free(formed, near)
@@ -171,7 +173,8 @@ class ModelPredictiveEstimator(Estimator):
             nearby = np.where(free, mpc_state.bottom_error(beside, float(level[0])), np.nan)
             nearby = nearby.reshape(len(references), -1)
             error[: len(references)] = nearby[np.arange(len(references)), np.argmax(np.isfinite(nearby), axis=1)]
-        inputs = self._vertical(cut, level, error)
+        # over a die, and where a stage before has formed the bottom, a section tells nothing but the last contour
+        inputs = self._vertical(cut, level, error, of_section=self.strategy != "tpif" and began is None)
         steps = np.diff(level)
         unseen = float(np.isnan(error).mean())
         if np.isnan(error[: len(references)]).all():
@@ -234,7 +237,7 @@ class ModelPredictiveEstimator(Estimator):
         level = np.concatenate([[first], second - step * np.arange(horizon)])
         if self.strategy == "tpif":
             return level
-        floor = min(float(np.nanmin(target.z)), second)
+        floor = min(floor_under(target, contour), second)
         return np.asarray(np.maximum(level, floor))
 
     def _bounds(self, level: Array) -> tuple[float, float]:
@@ -242,11 +245,12 @@ class ModelPredictiveEstimator(Estimator):
         step = max(float(level[0] - level[1]), 0.2 * self.job_file.job.path.incremental_depth)
         return -self._options.largest_step * step, -self._options.smallest_step * step
 
-    def _vertical(self, cut: Sections, level: Array, error: Array) -> Array:
-        """(M, H) m, step depths per section."""
+    def _vertical(self, cut: Sections, level: Array, error: Array, *, of_section: bool) -> Array:
+        """(M, H) m, step depths per section: from all of the section, or from the ``error`` (M,) m of the last
+        contour."""
         options = self._options
         lower, upper = self._bounds(level)
-        if self.strategy == "tpif":
+        if not of_section:
             measured = level[0] + np.where(np.isfinite(error), error, 0.0)
             targets = np.tile(level[1:], (len(measured), 1))
             problem = mpc_problem.scalar_vertical_problem(measured, targets, options.vertical_weight, lower, upper)

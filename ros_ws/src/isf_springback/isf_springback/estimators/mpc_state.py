@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from isf_springback.loop_path import LoopPath
 from isf_springback.scan import sections
+from isf_springback.scan.readings import WALL_REACH
 from isf_springback.scan.sections import STEP, Directions
 
 OUTSIDE = 20e-3
@@ -179,15 +180,25 @@ def intended_profiles(cut: Sections, level: Array) -> IntendedProfiles:
     return IntendedProfiles(level, contact, profile)
 
 
-def bottom_error(cut: Sections, contour_level: float, width: float = 1e-3) -> Array:
-    """(M,) m, formed minus intended height under the tip of the contour formed last; NaN where not seen."""
+def bottom_error(cut: Sections, contour_level: float, width: float = 1e-3, began: HeightMap | None = None) -> Array:
+    """(M,) m, formed minus intended height under the tip of the contour formed last; NaN where not seen.
+
+    Where the stage ``began`` with a sheet that was deeper there (None: the flat blank), it is that of the wall at the
+    contact.
+    """
     lever = cut.radius * np.sin(cut.wall_angle)
     away = np.abs(cut.reach[None, :] - lever[:, None])
     known = np.where(away <= width, cut.formed, np.nan)
     seen = np.isfinite(known).any(axis=1)
     level = np.full(len(known), np.nan)
     level[seen] = np.nanmedian(known[seen], axis=1)
-    return np.asarray(level - contour_level)
+    error = level - contour_level
+    if began is not None:
+        before = sections.vertical_sections(began, cut.directions, cut.reach)
+        deeper = before.min(axis=1, initial=np.inf, where=away <= width) < contour_level
+        contact = (cut.reach >= WALL_REACH[0]) & (cut.reach <= WALL_REACH[1])
+        error = np.where(deeper, np.median((cut.formed - cut.target)[:, contact], axis=1), error)
+    return np.asarray(error)
 
 
 def radius_errors(cut: Sections, contact_ahead: Array, vertical_ahead: Array) -> Array:

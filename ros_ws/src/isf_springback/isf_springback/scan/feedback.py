@@ -6,7 +6,8 @@ die. How far the unformed floor may stand up as a dome bounds what counts as a p
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from isf_core.contour import Contour, Process, contour_label
@@ -32,14 +33,35 @@ def scan_awaited(job_file: JobFile, index: int) -> bool:
     return index > 0 and scan_due(job_file, index - 1, index + 1)
 
 
+@dataclass(frozen=True)
+class StageShapes:
+    """What the stages of a part begin and end with: ``preforms`` one after the other, then the ``part``, which its
+    finishing passes form again."""
+
+    part: HeightMap
+    preforms: tuple[HeightMap, ...] = ()
+
+    def end(self, stage: int) -> HeightMap:
+        """The shape that ``stage``, from 0, ends with."""
+        return self.preforms[stage] if stage < len(self.preforms) else self.part
+
+    def begin(self, stage: int) -> HeightMap | None:
+        """The shape that ``stage``, from 0, begins with; None: the flat blank."""
+        return self.end(stage - 1) if stage > 0 else None
+
+
 class ScanMemory:
     """Takes scans and the target; gives the shape after one contour, with ``over_die`` in the frame of the die.
 
     Without ``over_die`` scans over a die are refused: shape, target and contour would not be in one frame.
 
+    Of a part formed in stages the target is the shape that the stage in work ends with.
+
     Attributes
     ----------
-    target : the shape that is wanted, None until it is known
+    stage : in work, from 0
+    target : the shape that it ends with, None until it is known
+    began : the shape that it begins with; None: the flat blank
     shape, index : the newest usable shape and the contour it was measured after
     fault : why the newest scan was refused, None when it was not
     """
@@ -48,11 +70,25 @@ class ScanMemory:
         self._job_file = job_file
         self._over_die = over_die
         self.target: HeightMap | None = None
+        self.began: HeightMap | None = None
+        self.stage = 0
+        self._shapes: StageShapes | None = None
         self.shape: FormedShape | None = None
         self.index = -1
         self.fault: IsfError | None = None
         self._taken = -1
         self._edges: ClampEdges | None = None
+
+    def set_target(self, part: HeightMap, preforms: Sequence[HeightMap] = ()) -> None:
+        """What the last stage ends with, and its finishing passes, and ``preforms``, the stages before it."""
+        self._shapes = StageShapes(part, tuple(preforms))
+        self.work_on(self.stage)
+
+    def work_on(self, stage: int) -> None:
+        """``stage``, from 0, is in work."""
+        self.stage = stage
+        if self._shapes is not None:
+            self.target, self.began = self._shapes.end(stage), self._shapes.begin(stage)
 
     def clear(self) -> None:
         """A new part begins."""
@@ -61,6 +97,8 @@ class ScanMemory:
     def take(self, points: Array, contour: Contour | None, index: int) -> FormedShape | None:
         """The shape in ``points`` (P, 3) m after ``contour`` as planned; None with a ``fault`` when it is refused."""
         self.fault, self._taken = None, index
+        if contour is not None:
+            self.work_on(contour.stage)
         try:
             if self.target is None:
                 raise IsfError(
@@ -87,12 +125,16 @@ class ScanMemory:
             if contour.process is Process.TPIF:
                 self.shape = shape_over_die(points, self.target, clamp, contour, self._edges)
             else:
-                level = float(contour.forming_tip[:, 2].min())
-                dome = plausible_dome(self._job_file, contour, self.target)
+                level, began = float(contour.forming_tip[:, 2].min()), self.began
+                dome = plausible_dome(self._job_file, contour, self.target, began)
                 # other features are formed already, or not begun
                 worked = opening_around(self.target, contour.contact[:, :2])
-                expected = ScanExpectation(self.target, clamp, level, dome=dome, edges=self._edges, worked=worked)
-                self.shape = process_scan(points, expected)
+                self.shape = process_scan(
+                    points,
+                    ScanExpectation(
+                        self.target, clamp, level, dome=dome, edges=self._edges, worked=worked, began=began
+                    ),
+                )
             self.index, self._edges = index, self.shape.edges
             return self.shape
         except IsfError as error:
@@ -157,8 +199,9 @@ def contour_over_die(contour: Contour) -> Contour:
     return replace(contour, contact=contour.contact + up, forming_tip=contour.forming_tip + up)
 
 
-def plausible_dome(job_file: JobFile, contour: Contour, target: HeightMap) -> float:
-    """m, largest height of the floor's middle over its edge after ``contour`` of the part ``target``.
+def plausible_dome(job_file: JobFile, contour: Contour, target: HeightMap, began: HeightMap | None = None) -> float:
+    """m, largest height of the floor's middle over its edge after ``contour`` of the part ``target``, whose stage
+    ``began`` with a shape, None: a flat one.
 
     With the radii r of the opening and R of the edge (of circles of the same area) and the depth d so far: a paraboloid
     of the slope d / (R - r), at most that of the steepest wall, is slope r / 2 high; of the curvature 2 s / (E t) at
@@ -171,7 +214,8 @@ def plausible_dome(job_file: JobFile, contour: Contour, target: HeightMap) -> fl
     plate, clamp = job_file.job.backing_plate, job_file.rig.clamp.size
     edge = float(np.sqrt(clamp[0] * clamp[1] / np.pi)) if plate is None else plate.round_radius
     gap = max(edge - opening, SMALLEST_GAP * edge)
-    depth = max(-float(contour.forming_tip[:, 2].min()), 0.0)
+    deepest = float(contour.forming_tip[:, 2].min())
+    depth = max(-(deepest if began is None else min(deepest, float(np.nanmin(began.z)))), 0.0)
     slope = min(depth / gap, float(np.tan(contour.wall_angle.max())))
     material = job_file.material
     elastic = material.yield_strength * opening**2 / (material.young_modulus * job_file.job.sheet.thickness)

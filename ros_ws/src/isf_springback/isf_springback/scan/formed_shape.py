@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from isf_core.contour import Contour
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.geometry.height_map import HeightMap
 from isf_core.types import Array, Mask
@@ -51,11 +52,12 @@ class ScanExpectation:
 
     Attributes
     ----------
-    target : the finished part ; clamp : (m, m), free sheet between the clamps
+    target : the finished part, or what a stage before ends with ; clamp : (m, m), free sheet between the clamps
     level : m, tip height of the last contour formed (negative below the sheet); the finished part: its lowest z
     clamped : the part is in the clamp; else the sheet beside the clamp may have moved, and is not used
     dome : m, by which the middle of the unformed floor may stand over or under its edge beside springback
     edges : those of the clamp in an earlier scan, used where this one does not show them
+    began : what the stage in work began with, on the grid of ``target``; None: the flat blank
     worked : (ny, nx) cells of ``target`` that ``level`` is of, beside which nothing is known of the shape; None: all
     """
 
@@ -66,10 +68,14 @@ class ScanExpectation:
     dome: float = 0.0
     edges: ClampEdges | None = None
     worked: Mask | None = None
+    began: HeightMap | None = None
 
     def shape(self) -> HeightMap:
-        """Expected upper surface: the target, not deeper than the tool has been; flat beside ``worked``."""
+        """Expected upper surface: the target, not deeper than the tool has been in this stage, or in one before it;
+        flat beside ``worked``."""
         formed = np.maximum(self.target.z, self.level)
+        if self.began is not None:
+            formed = np.minimum(formed, self.began.z)
         if self.worked is not None:
             formed = np.where(self.worked, formed, 0.0)
         return HeightMap(self.target.x, self.target.y, formed)
@@ -140,8 +146,9 @@ def process_scan(points: Array, expected: ScanExpectation) -> FormedShape:
     if coverage < 0.9:
         remarks.append(f"{100 * (1 - coverage):.0f} % of the part were not seen")
     shift, deviation = np.zeros(2), float("nan")
-    if -expected.level > SMALLEST_DEPTH:
-        shape = expected.shape()
+    shape = expected.shape()
+    deepest = expected.level if expected.began is None else float(np.nanmin(shape.z))
+    if -deepest > SMALLEST_DEPTH:
         shift, deviation = registration.plan_shift(surface, shape)
         worked = opening if expected.worked is None else expected.worked
         _check_identity(surface, shape, worked, shift, expected.dome)
@@ -171,6 +178,15 @@ def opening_around(target: HeightMap, places: Array) -> Mask | None:
     mask = np.isin(number, here[here > 0])
     whole = not (~mask & (np.abs(np.nan_to_num(target.z)) > OPENING_DEPTH)).any()
     return None if whole or not mask.any() else mask
+
+
+def floor_under(target: HeightMap, contour: Contour) -> float:
+    """m, height of the floor that ``contour`` leads to: the lowest place of its own opening in ``target``, or the
+    highest of all of what is formed from below."""
+    if contour.forming_tool != 1:
+        return float(np.nanmax(target.z))
+    own = opening_around(target, contour.contact[:, :2])
+    return float(np.nanmin(target.z if own is None else target.z[own]))
 
 
 def close_small_holes(surface: HeightMap) -> HeightMap:

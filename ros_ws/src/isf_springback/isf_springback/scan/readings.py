@@ -33,6 +33,8 @@ SMALLEST_ADVANCE = 0.1e-3
 """m in plan between the contacts of two scans, below which movement cannot be told from noise (assumed)."""
 LARGEST_PILLOW = 0.5e-3
 """m by which a place of the bottom may differ from the rest; what lies farther off was formed before (assumed)."""
+SAME_DEPTH = 0.05e-3
+"""m, what lies this little over the tip is as deep as the tip."""
 BOTTOM_HEIGHT = 0.1e-3
 """m over the lowest place of the target, where its bottom begins."""
 
@@ -46,8 +48,14 @@ class Reading:
     bottom: Array
 
 
-def read_errors(contour: Contour, shape: FormedShape, target: HeightMap, radius: float) -> Reading:
-    """Errors on the wall just above the contact and on the bottom, at :data:`PLACES` places of ``contour``."""
+def read_errors(
+    contour: Contour, shape: FormedShape, target: HeightMap, radius: float, began: HeightMap | None = None
+) -> Reading:
+    """Errors on the wall just above the contact and on the bottom, at :data:`PLACES` places of ``contour``.
+
+    Where the stage ``began`` with a shape (None: the flat blank) there is a bottom as far as that was even, and no
+    deeper than the tool is now.
+    """
     path = LoopPath.of(contour)
     directions = sections.directions_of(contour, path.even_positions(PLACES))
     angle = path.at(contour.wall_angle, directions.position)
@@ -62,7 +70,12 @@ def read_errors(contour: Contour, shape: FormedShape, target: HeightMap, radius:
     inner = _inner(contour)
     inside = (reach[None, :] >= tip[:, None] - 0.5e-3) & (reach[None, :] <= tip[:, None] + inner)
     up = -contour.push_sign
-    flat = up * wanted <= up * level[:, None] + 0.05e-3
+    flat = up * wanted <= up * level[:, None] + SAME_DEPTH
+    if began is not None:
+        before = sections.vertical_sections(began, directions, reach)
+        low = before.min(axis=1, initial=np.inf, where=inside)
+        high = before.max(axis=1, initial=-np.inf, where=inside)
+        flat &= ((high - low <= LARGEST_PILLOW) & (low >= level - SAME_DEPTH))[:, None]
     bottom = np.where(inside & flat, formed - level[:, None], np.nan)
     middle = _median(bottom)
     # By area: beside the tip the bottom lies deeper than in the middle, and there is more of it.
@@ -73,12 +86,19 @@ def read_errors(contour: Contour, shape: FormedShape, target: HeightMap, radius:
 
 
 def movement_to_come(
-    contour: Contour, shape: FormedShape, before: Contour, shape_before: FormedShape, target: HeightMap, radius: float
+    contour: Contour,
+    shape: FormedShape,
+    before: Contour,
+    shape_before: FormedShape,
+    contours: int,
+    target: HeightMap,
+    radius: float,
 ) -> tuple[Array, Array]:
     """How far the wall that ``contour`` makes will still rise while the part below it is formed, and the standard
     deviation of that, at :data:`PLACES` places of ``contour``; (M,) m each, NaN where it cannot be told.
 
-    ``shape`` is the one after ``contour``, ``shape_before`` that after the earlier contour ``before`` of the same wall.
+    ``shape`` is the one after ``contour``, ``shape_before`` that after the earlier contour ``before`` of the same wall,
+    since which ``contours`` of it were formed.
     What every place of the wall has moved by between the two, from the contact up to the opening, is what one place
     will move by while the contact leaves it behind, as long as the process stays the same: the movement summed over the
     wall in steps of the way of the contact in plan. It is summed over no more wall than is still to come, and not where
@@ -94,7 +114,7 @@ def movement_to_come(
     advance = np.linalg.norm(directions.origin - came_from, axis=1)
     bottom = sections.vertical_sections(target, directions, away) <= np.nanmin(target.z) + BOTTOM_HEIGHT
     to_come = np.where(bottom.any(axis=1), sections.STEP * np.argmax(bottom, axis=1), WALL_LENGTH)
-    begin = np.maximum(advance - WALL_REACH[0], CONTOURS_PER_PLACE * advance / (contour.index - before.index))
+    begin = np.maximum(advance - WALL_REACH[0], CONTOURS_PER_PLACE * advance / contours)
     wall = np.logical_and.accumulate(sections.vertical_sections(target, directions, -away) < -OPENING_DEPTH, axis=1)
     end = np.minimum(begin + to_come, sections.STEP * wall.sum(axis=1) - radius)
     counts = (away >= begin[:, None]) & (away <= end[:, None])
@@ -139,13 +159,17 @@ PILLOW = 0.3e-3
 """m by which the middle of the bottom may stand over its edge."""
 
 
-def shape_remarks(shape: FormedShape, target: HeightMap, level: float, job_file: JobFile) -> tuple[str, ...]:
-    """Remarks on the part after a contour with its tip at ``level`` m."""
+def shape_remarks(
+    shape: FormedShape, target: HeightMap, level: float, job_file: JobFile, began: HeightMap | None = None
+) -> tuple[str, ...]:
+    """Remarks on the part after a contour with its tip at ``level`` m, in a stage that ``began`` with a shape."""
     masks = regions(target)
     places = np.stack(np.meshgrid(target.x, target.y), axis=-1)
     formed = heights_at(shape.surface, places)
     error = formed - np.maximum(target.z, level)
-    return (*_rim(error[masks["rim"]], job_file), *_pillow(formed, target, level, job_file))
+    # a bottom that a stage before has formed is no sheet that stands up between the walls
+    pillow = () if began is not None else _pillow(formed, target, level, job_file)
+    return (*_rim(error[masks["rim"]], job_file), *pillow)
 
 
 def _rim(error: Array, job_file: JobFile) -> tuple[str, ...]:
@@ -169,7 +193,7 @@ def _rim(error: Array, job_file: JobFile) -> tuple[str, ...]:
 
 def _pillow(formed: Array, target: HeightMap, level: float, job_file: JobFile) -> tuple[str, ...]:
     """Middle of the bottom (where the target is deeper than the tool has been) against its edge."""
-    bottom = target.z <= level + 0.05e-3
+    bottom = target.z <= level + SAME_DEPTH
     if bottom.sum() < 200:
         return ()
     rows, columns = np.nonzero(bottom)

@@ -47,7 +47,7 @@ class RisingSheet(Sheet):
 def form(method, sheet, job_file):
     """One part; nominal contours, corrections, shapes between them and what was remarked."""
     memory = ScanMemory(job_file)
-    memory.target = TARGET
+    memory.set_target(TARGET)
     method.set_target(TARGET)
     nominal = [cone_contour(index, count=COUNT) for index in range(COUNT)]
     corrections, shapes, remarks = [], {}, []

@@ -250,6 +250,46 @@ def test_an_unfinished_part_teaches_nothing():
     assert caught.value.code == ErrorCode.LEARNING_UNUSABLE
 
 
+def test_the_finished_part_tells_nothing_of_a_preform():
+    """Formed once more the preform, which stands up to some mm above the part, gets the push that it had."""
+    preform = HeightMap(GRID, GRID, 0.5 * TARGET.z)
+    method = make_corrector("none", JobFile(JOB_TEXT, Path(".")))
+    nominal, corrections, sheet = form(method)
+    before = [
+        replace(contour, contact=contour.contact * [1, 1, 0.5], forming_tip=contour.forming_tip * [1, 1, 0.5])
+        for contour in nominal
+    ]
+    count = 2 * COUNT
+    staged = [replace(contour, count=count) for contour in before]
+    staged += [replace(contour, index=contour.index + COUNT, count=count, stage=1) for contour in nominal]
+    pushed = [
+        replace(one, index=one.index + shift, offset=one.offset - [0.0, 0.0, 0.3e-3])
+        for shift in (0, COUNT)
+        for one in corrections
+    ]
+    points = sheet.points()
+    known = learn_part(staged, pushed, points, TARGET, CLAMP, 5e-3, "cone", preforms=(preform,))
+    of_preform = known.contour < COUNT
+    assert known.push[of_preform] == pytest.approx(np.full(of_preform.sum(), 0.3e-3), abs=1e-9)
+    assert np.isnan(known.error[of_preform]).all()
+    assert np.median(known.push[~of_preform]) > 0.8e-3
+    assert len(known.springback) <= (~of_preform).sum()
+
+
+@pytest.mark.parametrize("gain", [0.5, 1.0])
+def test_what_a_part_was_pushed_by_is_replayed_whatever_the_gain(four_parts, tmp_path, gain):
+    known = four_parts[1]
+    learning.save(known, tmp_path / "known.npz")
+    text = JOB_TEXT.replace("gain: 1.0", f"gain: {gain}").replace(
+        "method: analytic", "method: learned, learning: known.npz"
+    )
+    corrector = make_corrector("learned", JobFile(text, tmp_path))
+    for index in range(8):
+        corrections = corrector.correct(cone_contour(index, count=COUNT))
+    _, push = known.of_contour(7)
+    assert -corrections.offset[:, 2].mean() == pytest.approx(push.mean(), abs=20e-6)
+
+
 def test_curvature_of_a_circle():
     contour = cone_contour(3)
     radius = np.hypot(*contour.forming_tip[0, :2])

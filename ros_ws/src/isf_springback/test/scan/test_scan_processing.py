@@ -9,7 +9,7 @@ from isf_core.files.job import JobFile, load_job
 from isf_core.geometry.height_map import HeightMap
 from isf_springback.scan import ScanExpectation, process_scan, sections
 from isf_springback.scan.feedback import ScanMemory, plausible_dome
-from isf_springback.scan.formed_shape import regions
+from isf_springback.scan.formed_shape import floor_under, regions
 from springback_parts import JOB_TEXT, cone_contour
 
 CLAMP = (0.25, 0.25)
@@ -188,7 +188,7 @@ def pockets(*parts):
 
 def memory_of(target):
     memory = ScanMemory(JobFile(JOB_TEXT, Path(".")))
-    memory.target = target
+    memory.set_target(target)
     return memory
 
 
@@ -209,6 +209,13 @@ def test_of_pockets_formed_one_after_the_other_the_one_in_work_must_be_the_expec
         other = cone(level, 35e-3, centre=(place + 8e-3, 0.0), square=True)
         assert memory.take(other.points(), contour, index) is None
         assert memory.fault.code in (ErrorCode.SCAN_OF_ANOTHER_PART, ErrorCode.SCAN_SHIFTED)
+
+
+@pytest.mark.parametrize(("place", "floor"), [(-50e-3, -14e-3), (50e-3, -8e-3)])
+def test_every_pocket_has_a_floor_of_its_own(place, floor):
+    target = pockets((-50e-3, 14e-3), (50e-3, 8e-3))
+    contour = cone_contour(3, opening=35e-3).shifted(np.array([place, 0.0, 0.0]))
+    assert floor_under(target, contour) == pytest.approx(floor)
 
 
 def test_a_bump_that_is_still_to_come_is_not_missed():
