@@ -263,11 +263,11 @@ class DashboardNode(CellNode[DashboardParameters]):
 
     def _on_target(self, now: float, message: PointCloud2) -> None:
         try:
-            self._target, _ = target_from_message(message)
+            self._target, preforms = target_from_message(message)
         except ValueError as error:
             self._feed.fault(now, "part/target", int(ErrorCode.BAG_INCOMPLETE), str(error))
             return
-        self._feed.target(now, self._target)
+        self._feed.target(now, self._target, preforms)
 
     def _on_job(self, now: float, message: JobInfo) -> None:
         job = Job(

@@ -63,6 +63,7 @@ class PartFeed:
     history: History
     _job: Job | None = None
     _target: HeightMap | None = None
+    _preforms: tuple[HeightMap, ...] = ()
     _opening: NDArray[np.int32] | None = None
     _paths: dict[int, Array] = field(default_factory=dict)
     _window: tuple[slice, slice] = (slice(None), slice(None))
@@ -91,8 +92,10 @@ class PartFeed:
         for tool, tips in self._paths.items():  # the target may come later, they are not told again
             self.history.add("path", time, tool=tool, tips=tips)
 
-    def target(self, time: float, target: HeightMap) -> None:
-        """The shape that is wanted. It is told before the job that it belongs to, and again with it."""
+    def target(self, time: float, target: HeightMap, preforms: tuple[HeightMap, ...] = ()) -> None:
+        """The shape that is wanted, and those of the stages before it; told before the job that they belong to, and
+        again with it."""
+        self._preforms = preforms
         try:
             label = ndimage.label(regions_of(target)["wall_and_base"], structure=np.ones((3, 3)))
         except IsfError:  # flat: there is nothing to draw, the shape of the part before least of all
@@ -243,7 +246,7 @@ class PartFeed:
         return self._job is None or self._job.plan_id == plan_id
 
     def _error_so_far(self, scan: ContourScan, target: HeightMap) -> HeightMap | None:
-        found = scan_errors((scan,), tuple(self._nominal.values()), target)
+        found = scan_errors((scan,), tuple(self._nominal.values()), target, self._preforms)
         return found[0].error if found else None
 
     def _levels(self, contour: Contour) -> dict[str, float]:

@@ -26,7 +26,7 @@ def history_of(record: PartRecord) -> History:
     history = History("run", kept=SAMPLES, at_once=SAMPLES)
     feed = PartFeed(history)
     if record.target is not None:
-        feed.target(0.0, record.target)
+        feed.target(0.0, record.target, record.preforms)
     feed.job(0.0, _job(record))
     shift, end = 0.0, 0.0
     ticks = sum(len(result.tick_time) for result in record.results)

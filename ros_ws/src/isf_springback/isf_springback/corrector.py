@@ -41,14 +41,7 @@ from isf_core.types import Array, Mask
 from scipy.ndimage import distance_transform_edt, median_filter
 
 from isf_springback.die_room import within_room
-from isf_springback.estimators.estimator import (
-    Bounds,
-    Estimator,
-    FormedContour,
-    History,
-    Prediction,
-    Wall,
-)
+from isf_springback.estimators.estimator import Bounds, Estimator, FormedContour, History, Prediction, Wall
 from isf_springback.lift_feedback import LiftReading
 from isf_springback.loop_path import (
     HORIZONTAL_SLOPE,
@@ -438,7 +431,9 @@ class FloorFeedback:
         return known is not None and (known[0].plan_id, known[0].index) == (contour.plan_id, contour.index)
 
     def update(self, surface: HeightMap, target: HeightMap) -> None:
-        """The shape after the last contour."""
+        """The shape after the last contour; before the first pass it says nothing of the floor."""
+        if self._pending is None and not len(self._formed.place):
+            return
         places = np.stack(np.meshgrid(target.x, target.y), axis=-1)
         error = heights_at(surface, places) - target.z
         unknown = ~np.isfinite(error)

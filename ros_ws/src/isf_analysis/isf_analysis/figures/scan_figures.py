@@ -55,7 +55,8 @@ def scan_maps(errors: tuple[ScanError, ...], target: HeightMap) -> Figure:
     for axes, error in zip(panels.ravel(), chosen, strict=False):
         image = draw_errors(axes, error.error, limit)
         draw_opening(axes, target)
-        axes.set_title(f"after {contour_label(error.index)}")
+        of_stage = f", stage {error.stage + 1}" if errors[-1].stage else ""
+        axes.set_title(f"after {contour_label(error.index)}{of_stage}")
         axes.set_xlim(x[inside_columns.min()] - MM * MARGIN, x[inside_columns.max()] + MM * MARGIN)
         axes.set_ylim(y[inside_rows.min()] - MM * MARGIN, y[inside_rows.max()] + MM * MARGIN)
         axes.set_aspect("equal")

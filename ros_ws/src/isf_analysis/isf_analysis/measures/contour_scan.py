@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from isf_core.contour import Contour, Process
 from isf_core.geometry.height_map import HeightMap
+from isf_core.geometry.stage_shapes import StageShapes
 from isf_core.types import Array, Mask
 from numpy.typing import NDArray
 from scipy import ndimage
@@ -78,7 +79,7 @@ def kept_scan(index: int, time: float, points: Array) -> ContourScan:
 
 @dataclass(frozen=True)
 class ScanError:
-    """The part so far against the target, where contours have formed it; m, measured minus wanted height.
+    """The part so far against the target of its stage, where contours have formed it; m, measured minus wanted height.
 
     Attributes
     ----------
@@ -86,6 +87,7 @@ class ScanError:
     error : on the grid of the target, NaN where nothing is formed yet (or one cell beside) or nothing was seen
     coverage : seen share of what is formed
     max_abs, mean_abs, mean : of ``error``
+    stage : of the contour, from 0
     """
 
     index: int
@@ -94,12 +96,17 @@ class ScanError:
     max_abs: float
     mean_abs: float
     mean: float
+    stage: int = 0
 
 
 def scan_errors(
-    scans: tuple[ContourScan, ...], nominal: tuple[Contour, ...], target: HeightMap
+    scans: tuple[ContourScan, ...],
+    nominal: tuple[Contour, ...],
+    target: HeightMap,
+    preforms: tuple[HeightMap, ...] = (),
 ) -> tuple[ScanError, ...]:
-    """Errors after each scan. Over a die the part so far is the top of the target.
+    """Errors after each scan, in a stage before the last one against its shape among the ``preforms``. Over a die the
+    part so far is the top of the target.
 
     Scans of contours that are not known, of a wrong unit, or with no point on what is formed are left out: see
     :func:`left_out`.
@@ -109,13 +116,19 @@ def scan_errors(
     IsfError : BAG_INCOMPLETE when the target is flat
     """
     known = {contour.index: contour for contour in nominal}
-    opening, _ = ndimage.label(regions_of(target)["wall_and_base"], structure=np.ones((3, 3)))
+    shapes = StageShapes(target, preforms)
+    openings: dict[int, NDArray[np.int32]] = {}
     found = []
     for scan in scans:
         contour = known.get(scan.index)
         if contour is None or not _sized(scan, target):
             continue
-        wanted, formed = _so_far(target, opening, [known[k] for k in sorted(known) if k <= scan.index])
+        end = shapes.end(contour.stage)
+        if id(end) not in openings:
+            openings[id(end)], _ = ndimage.label(regions_of(end)["wall_and_base"], structure=np.ones((3, 3)))
+        opening = openings[id(end)]
+        formed_it = [known[k] for k in sorted(known) if k <= scan.index and shapes.end(known[k].stage) is end]
+        wanted, formed = _so_far(end, opening, formed_it)
         # beside what is not formed yet the wall is not finished
         formed &= ~np.asarray(ndimage.binary_dilation((opening > 0) & ~formed, structure=np.ones((3, 3))))
         surface = on_cells(levelled(scan.points(), target), wanted)
@@ -129,7 +142,15 @@ def scan_errors(
             coverage = len(values) / int(formed.sum())
             shape = HeightMap(target.x, target.y, error)
             found.append(
-                ScanError(scan.index, shape, coverage, float(size.max()), float(size.mean()), float(values.mean()))
+                ScanError(
+                    scan.index,
+                    shape,
+                    coverage,
+                    float(size.max()),
+                    float(size.mean()),
+                    float(values.mean()),
+                    contour.stage,
+                )
             )
     return tuple(found)
 

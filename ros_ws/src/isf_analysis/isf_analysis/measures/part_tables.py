@@ -194,7 +194,9 @@ def _scanned(record: PartRecord) -> dict[int, ScanError]:
     if record.target is None or not record.scans:
         return {}
     try:
-        return {error.index: error for error in scan_errors(record.scans, record.nominal, record.target)}
+        return {
+            error.index: error for error in scan_errors(record.scans, record.nominal, record.target, record.preforms)
+        }
     except IsfError:  # a flat target
         return {}
 

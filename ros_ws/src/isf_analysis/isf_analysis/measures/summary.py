@@ -88,7 +88,7 @@ def scan_errors_of(record: PartRecord) -> tuple[ScanError, ...]:
     """Errors after the scans between contours; none without scans, or when the target was not recorded."""
     if record.target is None or not record.scans:
         return ()
-    return scan_errors(record.scans, record.nominal, record.target)
+    return scan_errors(record.scans, record.nominal, record.target, record.preforms)
 
 
 def _part(record: PartRecord, deviation: Deviation | None, tolerance: ToleranceSpec) -> dict[str, Any]:
@@ -185,6 +185,7 @@ def _region(region: RegionError) -> dict[str, Any]:
 def _scan(error: ScanError) -> dict[str, Any]:
     return {
         "contour": error.index,
+        "stage": error.stage,
         "max_mm": MM * error.max_abs,
         "mean_abs_mm": MM * error.mean_abs,
         "mean_mm": MM * error.mean,

@@ -50,6 +50,23 @@ def scanned(high: tuple[float, ...] = (0.1e-3, 0.2e-3, 0.3e-3), **options: float
     return replace(PART, scans=scans)
 
 
+def test_a_scan_between_stages_is_held_against_the_shape_of_its_stage() -> None:
+    """A preform half as deep, 0.1 mm too high, then the part, 0.2 mm too high."""
+    preform, count = HeightMap(TARGET.x, TARGET.y, 0.5 * TARGET.z), len(PART.nominal)
+    first = [replace(contour, contact=contour.contact * [1.0, 1.0, 0.5], count=2 * count) for contour in PART.nominal]
+    last = [replace(contour, index=count + contour.index, count=2 * count, stage=1) for contour in PART.nominal]
+    shapes = [
+        (4, HeightMap(TARGET.x, TARGET.y, 0.5 * so_far(PART.nominal[4], 0.2e-3).z)),
+        (count + 4, so_far(PART.nominal[4], 0.2e-3)),
+    ]
+    scans = tuple(kept_scan(index, float(index), cloud(shape)) for index, shape in shapes)
+    found = scan_errors(scans, (*first, *last), TARGET, (preform,))
+    assert [(error.index, error.stage) for error in found] == [(4, 0), (count + 4, 1)]
+    assert [error.mean for error in found] == pytest.approx([0.1e-3, 0.2e-3], abs=0.02e-3)
+    against_the_part = scan_errors(scans, (*first, *last), TARGET)
+    assert against_the_part[0].mean > 0.5e-3
+
+
 @settings(max_examples=20, deadline=None)
 @given(st.integers(0, 300), st.integers(0, 5))
 def test_points_come_back_to_the_resolution_that_is_kept(count: int, seed: int) -> None:

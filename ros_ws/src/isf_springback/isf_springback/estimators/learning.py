@@ -25,12 +25,13 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.archive import read_archive
 from isf_core.files.bounded import reason
 from isf_core.geometry.height_map import HeightMap
+from isf_core.geometry.stage_shapes import StageShapes
 from isf_core.types import Array
 from numpy.typing import NDArray
 
 from isf_springback.loop_path import LARGEST_CORRECTION, LoopPath, nearest_points
 from isf_springback.scan import FormedShape, ScanExpectation, process_scan
-from isf_springback.scan.feedback import StageShapes, contour_over_die, shape_over_die, target_over_die, turned_shape
+from isf_springback.scan.feedback import contour_over_die, shape_over_die, target_over_die, turned_shape
 from isf_springback.scan.formed_shape import floor_under
 from isf_springback.scan.readings import read_errors
 

@@ -7,7 +7,7 @@ die. How far the unformed floor may stand up as a dome bounds what counts as a p
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from isf_core.contour import Contour, Process, contour_label
@@ -15,6 +15,7 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
 from isf_core.geometry.height_map import HeightMap
 from isf_core.geometry.opening import SMALLEST_GAP
+from isf_core.geometry.stage_shapes import StageShapes
 from isf_core.types import Array
 
 from isf_springback.scan import FormedShape, ScanExpectation, process_scan
@@ -31,23 +32,6 @@ def scan_due(job_file: JobFile, index: int, count: int) -> bool:
 def scan_awaited(job_file: JobFile, index: int) -> bool:
     """True when contour ``index`` is corrected from a scan made just before it."""
     return index > 0 and scan_due(job_file, index - 1, index + 1)
-
-
-@dataclass(frozen=True)
-class StageShapes:
-    """What the stages of a part begin and end with: ``preforms`` one after the other, then the ``part``, which its
-    finishing passes form again."""
-
-    part: HeightMap
-    preforms: tuple[HeightMap, ...] = ()
-
-    def end(self, stage: int) -> HeightMap:
-        """The shape that ``stage``, from 0, ends with."""
-        return self.preforms[stage] if stage < len(self.preforms) else self.part
-
-    def begin(self, stage: int) -> HeightMap | None:
-        """The shape that ``stage``, from 0, begins with; None: the flat blank."""
-        return self.end(stage - 1) if stage > 0 else None
 
 
 class ScanMemory:
