@@ -66,8 +66,9 @@ class Driver:
         self._rate = float(node.get_parameter("rate").value)
         self._hardware = Hardware(1.0 / self._rate)
         self._check = TargetCheck(1.0 / self._rate)
-        self._tared = False
+        self._tared = False  # as machine/state tells it: no more after a reset
         self._forces = np.zeros((2, 3))  # N, read last
+        self._zeroed = False  # before the first tare forces have the tools' weight in them; its zero outlives a reset
         self._tick, self._code, self._following = 0, 0, False
         self._next_cycle = 0.0  # s of the monotonic clock
         self._heard: float | None = None  # s, when the last target came; None: nothing is to be done when none comes
@@ -82,6 +83,8 @@ class Driver:
             node.create_service(Stop, "machine/stop", self._on_stop)
         elif refused := self._hardware.tare():  # nobody can ask for it: what it streams has to be tared
             raise SystemExit(f"the load cells cannot be tared: {refused}")
+        else:
+            self._zeroed = True
         if level >= SCANNER:
             self._scan = node.create_publisher(PointCloud2, "scan", LATCHED)
             node.create_service(Scan, "machine/scan", self._on_scan)
@@ -90,26 +93,33 @@ class Driver:
 
     def start(self) -> None:
         """Begin to move and to measure, where the tools are."""
+        self.halt()
         self._stand()
         self._next_cycle = time.monotonic()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         periods = [(1.0 / self._rate, self._on_timer)]
         if self._level >= SERVICES:
             periods.append((STATE_PERIOD, self._publish_state))
-        self._running = [self._node.create_timer(period, work, clock=steady) for period, work in periods]
+        for period, work in periods:
+            self._running.append(self._node.create_timer(period, work, clock=steady))
 
     def stop(self) -> None:
         """Stand still. Nobody moves the tools any more then: loaded ones leave the sheet before, and a stop comes to
-        its end."""
-        if self._running and np.abs(self._forces).max() > FREE:
-            self._protect(STOP_REQUESTED, "the driver is told to be inactive, or to end, with a loaded tool")
-        deadline = time.monotonic() + RELEASE_WITHIN
-        while self._releasing() and time.monotonic() < deadline:
-            time.sleep(1.0 / self._rate)
-            self._on_timer()
-        for timer in self._running:
-            self._node.destroy_timer(timer)
-        self._running = []
+        its end. Nothing runs afterwards, whatever the hardware raises."""
+        try:
+            if self._running and self._zeroed and np.abs(self._forces).max() > FREE:
+                self._protect(STOP_REQUESTED, "the driver is told to be inactive, or to end, with a loaded tool")
+            deadline = time.monotonic() + RELEASE_WITHIN
+            while self._releasing() and time.monotonic() < deadline:
+                time.sleep(1.0 / self._rate)
+                self._on_timer()
+        finally:
+            self.halt()
+
+    def halt(self) -> None:
+        """No cycles and no targets from now on, wherever the tools are; the hardware is not asked."""
+        while self._running:
+            self._node.destroy_timer(self._running.pop())
 
     def _releasing(self) -> bool:
         return bool(self._running and self._hardware.stopped) and not self._hardware.released
@@ -209,6 +219,7 @@ class Driver:
             return response
         refused = self._hardware.tare()
         self._tared = not refused
+        self._zeroed = self._zeroed or self._tared
         response.code, response.message = (TOOL_LOADED, refused) if refused else (0, "")
         if not refused:
             self._hardware.reset()
@@ -289,6 +300,8 @@ class ManagedDriver(LifecycleNode):
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         """After a transition that raised: back to the beginning, from where it can be tried again."""
+        if self._driver is not None:
+            self._driver.halt()
         return self._now("unconfigured")
 
     def _connect(self) -> None:
@@ -299,7 +312,7 @@ class ManagedDriver(LifecycleNode):
             self._driver.start()
 
     def stop(self) -> None:
-        """As :meth:`Driver.stop`, where it works."""
+        """:meth:`Driver.stop`; a node that was never configured has nothing to stop."""
         if self._driver is not None:
             self._driver.stop()
 

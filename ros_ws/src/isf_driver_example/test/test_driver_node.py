@@ -18,12 +18,14 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from isf_msgs.msg import MachineState
-from isf_msgs.srv import Stop, Tare
+from isf_msgs.srv import Reset, Stop, Tare
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import Log
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.time import Time as Stamp
 from rosgraph_msgs.msg import Clock
 
 pytestmark = [pytest.mark.graph, pytest.mark.clock]
@@ -49,6 +51,11 @@ class Sender:
         self.node = node
         self.height = self.force = math.nan
         """m, N: where the upper tool is, and how hard the sheet pushes it up."""
+        self.heights: list[float] = []
+        self.stamps: list[int] = []
+        """ns, of the wrenches."""
+        self.ticks: list[int] = []
+        """Cycles that the driver had done, at each of its states."""
         self.state: MachineState | None = None
         self._target = node.create_publisher(PoseStamped, "tool_1/target", 10)
         node.create_subscription(PoseStamped, "tool_1/pose", self._on_pose, rclpy.qos.qos_profile_sensor_data)
@@ -57,12 +64,15 @@ class Sender:
 
     def _on_pose(self, message: PoseStamped) -> None:
         self.height = message.pose.position.z
+        self.heights.append(self.height)
 
     def _on_wrench(self, message: WrenchStamped) -> None:
         self.force = message.wrench.force.z
+        self.stamps.append(Stamp.from_msg(message.header.stamp).nanoseconds)
 
     def _on_state(self, message: MachineState) -> None:
         self.state = message
+        self.ticks.append(message.tick)
 
     def wait(self, condition: Callable[[], Any]) -> bool:
         deadline = time.monotonic() + LIMIT
@@ -75,6 +85,11 @@ class Sender:
         message.header.frame_id = frame
         message.pose.position.x, message.pose.position.y, message.pose.position.z = map(float, tip)
         self._target.publish(message)
+
+    def send_for_sure(self, tip: Sequence[float]) -> None:
+        """The driver has it when this returns, and takes it before a service that is asked for afterwards."""
+        self.send(tip)
+        assert self._target.wait_for_all_acked(Duration(seconds=LIMIT))
 
     def stream(self, begin: float, end: float) -> None:
         """Down or up to height ``end`` m in steps of 0.5 mm, each one sent when the tool has followed the one before.
@@ -129,6 +144,22 @@ def sender() -> Iterator[Sender]:
 
 def driver(level: int, rate: float = RATE, **parameters: object) -> Any:
     return forked_process.node("-m", "isf_driver_example.driver_node", level=level, rate=rate, **parameters)
+
+
+def program(name: str) -> Any:
+    """A driver of level 4 with the hardware of a file beside this one."""
+    return forked_process.node(str(Path(__file__).with_name(name)), level=MANAGED, rate=RATE)
+
+
+def hear_states(sender: Sender) -> list[str]:
+    """States of its lifecycle, as the driver tells them on /diagnostics."""
+    states: list[str] = []
+
+    def on_health(message: DiagnosticArray) -> None:
+        states.extend(item.value for status in message.status for item in status.values if item.key == "state")
+
+    sender.node.create_subscription(DiagnosticArray, "/diagnostics", on_health, 10)
+    return states
 
 
 @pytest.mark.parametrize("level", [STREAMS, SERVICES])
@@ -229,33 +260,87 @@ def test_a_driver_that_is_told_to_end_takes_loaded_tools_off_the_sheet(sender: S
             assert sender.fault() == 1406
 
 
-@pytest.mark.parametrize("stopped", [False, True], ids=["loaded", "while it is stopped"])
-def test_a_driver_that_is_deactivated_takes_loaded_tools_off_the_sheet(sender: Sender, stopped: bool) -> None:
-    """As after a part that ended early: the executive asks for a stop, and deactivates the nodes at once."""
+@pytest.mark.parametrize("before", ["loaded", "while it is stopped", "after a reset"])
+def test_a_driver_that_is_deactivated_takes_loaded_tools_off_the_sheet(sender: Sender, before: str) -> None:
+    """As after a part that ended early: the executive asks for a stop, and deactivates the nodes at once. A reset asks
+    for another tare, but the forces are true without."""
     with driver(MANAGED):
         assert sender.change(Transition.TRANSITION_CONFIGURE)
         assert sender.change(Transition.TRANSITION_ACTIVATE)
         sender.begin(tared=False)
         sender.stream(PARKED, ON_SHEET)
         assert sender.wait(lambda: sender.force > 250.0)
-        if stopped:
+        if before == "while it is stopped":
             sender.ask(Stop, "machine/stop", Stop.Request(reason="a trial"))
+        if before == "after a reset":
+            assert sender.ask(Reset, "machine/reset", Reset.Request()).code == 0
         assert sender.change(Transition.TRANSITION_DEACTIVATE)
         assert sender.wait(lambda: sender.height > 15e-3)
         assert sender.wait(lambda: abs(sender.force) < 10.0)
         assert sender.fault() == 1406
 
 
+def test_tools_with_a_weight_are_not_loaded_before_the_first_tare(sender: Sender) -> None:
+    with program("heavy_tools.py"):
+        assert sender.change(Transition.TRANSITION_CONFIGURE)
+        assert sender.change(Transition.TRANSITION_ACTIVATE)
+        assert sender.wait(lambda: sender.heights and sender.force < -40.0)
+        assert sender.change(Transition.TRANSITION_DEACTIVATE)
+        assert sender.ask(Tare, "machine/tare", Tare.Request()).code == 0  # refused while it is stopped
+        assert sender.change(Transition.TRANSITION_ACTIVATE)
+        sender.begin(tared=True)
+        assert sender.heights == pytest.approx([PARKED] * len(sender.heights), abs=1e-6)
+        sender.stream(PARKED, ON_SHEET)
+        assert sender.wait(lambda: sender.force > 250.0)
+        assert sender.change(Transition.TRANSITION_DEACTIVATE)
+        assert sender.wait(lambda: sender.height > 15e-3)
+        assert sender.fault() == 1406
+
+
+def test_nothing_runs_on_when_the_hardware_fails_while_tools_leave_the_sheet(sender: Sender) -> None:
+    """Nothing is published or followed then. It can be brought up again, once: states come at 10 Hz, every 10 cycles,
+    where two timers would publish one every 5 cycles."""
+    states = hear_states(sender)
+    with program("failing_hardware.py"):
+        assert sender.change(Transition.TRANSITION_CONFIGURE)
+        assert sender.change(Transition.TRANSITION_ACTIVATE)
+        sender.begin(tared=False)
+        sender.stream(PARKED, ON_SHEET)
+        assert sender.wait(lambda: sender.force > 250.0)
+        assert sender.wait(lambda: states and states[-1] == "active")
+
+        assert not sender.change(Transition.TRANSITION_DEACTIVATE)
+        ended = sender.node.get_clock().now().nanoseconds
+        assert sender.fault() == 1406
+        assert sender.wait(lambda: states[-1] == "unconfigured")
+        states.clear()
+        assert sender.wait(lambda: len(states) > 2)  # its other timer goes on meanwhile
+        assert set(states) == {"unconfigured"}
+        assert max(sender.stamps) < ended
+
+        assert sender.ask(Reset, "machine/reset", Reset.Request()).code == 0
+        assert sender.wait(lambda: sender.state and not sender.state.fault_codes)
+        height = sender.height
+        sender.send_for_sure((0.0, 0.0, height + 1e-3))
+        assert sender.change(Transition.TRANSITION_CONFIGURE)
+        assert max(sender.stamps) < ended
+        sender.ticks.clear()
+        sender.heights.clear()
+        assert sender.change(Transition.TRANSITION_ACTIVATE)
+        assert sender.wait(lambda: len(sender.ticks) > 20 and sender.heights)
+        assert (sender.ticks[20] - sender.ticks[0]) / 20 > 7.5
+        assert sender.heights == pytest.approx([height] * len(sender.heights), abs=50e-6)
+
+        assert sender.change(Transition.TRANSITION_DEACTIVATE)
+        assert sender.wait(lambda: sender.height > 15e-3)
+        assert sender.fault() == 1406
+
+
 def test_hardware_that_is_not_there_is_told_and_tried_again(sender: Sender) -> None:
     told: list[str] = []
-    states: list[str] = []
-
-    def on_health(message: DiagnosticArray) -> None:
-        states.extend(item.value for status in message.status for item in status.values if item.key == "state")
-
+    states = hear_states(sender)
     sender.node.create_subscription(Log, "/rosout", lambda message: told.append(message.msg), ROSOUT)
-    sender.node.create_subscription(DiagnosticArray, "/diagnostics", on_health, 10)
-    with forked_process.node(str(Path(__file__).with_name("absent_hardware.py")), level=MANAGED):
+    with program("absent_hardware.py"):
         assert not sender.change(Transition.TRANSITION_CONFIGURE)
         assert sender.wait(lambda: any("ConnectionError: no answer from the field bus" in text for text in told))
         assert sender.change(Transition.TRANSITION_CONFIGURE)
