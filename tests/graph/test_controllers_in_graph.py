@@ -165,4 +165,5 @@ def test_a_controller_manager_that_ends_in_mid_part_ends_the_part(tmp_path: Path
         cell.node.create_subscription(PoseStamped, "tool_1/pose", on_sheet, qos.SENSOR)
         result = cell.form(tiny_part(rig, 100.0))
         assert result.code != 0
-        assert cell.wait(lambda: any(ErrorCode.TARGET_LOST in state.fault_codes for state in cell.states))
+        lost = cell.wait(lambda: any(ErrorCode.TARGET_LOST in state.fault_codes for state in cell.states))
+        assert lost, result.message

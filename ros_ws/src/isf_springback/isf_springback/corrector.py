@@ -41,7 +41,7 @@ from isf_core.types import Array, Mask
 from scipy.ndimage import distance_transform_edt, median_filter
 
 from isf_springback.die_room import within_room
-from isf_springback.estimators.estimator import Bounds, Estimator, FormedContour, History, Prediction, Wall
+from isf_springback.estimators.estimator import Bounds, Estimator, FormedContour, History, Prediction, Wall, wall_of
 from isf_springback.lift_feedback import LiftReading
 from isf_springback.loop_path import (
     HORIZONTAL_SLOPE,
@@ -171,7 +171,7 @@ class Corrector:
     def add_result(self, contour: Contour, result: ContourResult) -> None:
         """What was measured while ``contour`` (as corrected) was formed; never raises."""
         self.estimator.add_result(contour, result, self.history)
-        self._force.add(contour, result)
+        self._forces[wall_of(contour)].add(contour, result)
 
     def add_lift(self, reading: LiftReading | None, index: int) -> None:
         """What the tool lift after contour ``index`` measured, None when it failed; never raises."""
@@ -189,7 +189,7 @@ class Corrector:
         shape = history.scans.take(points, None if formed is None else formed.contour, index)
         if shape is not None and formed is not None and history.scans.target is not None:
             for wall, floor in self._floors.items():
-                if wall.stage == formed.contour.stage:
+                if wall[1:] == self.history.wall[1:]:
                     floor.update(shape.surface, history.scans.target)
         self.estimator.add_shape(shape, history)
 

@@ -291,8 +291,8 @@ def test_what_scans_have_fixed_stays_when_a_lift_changes_the_model():
     for contour in contours[:-1]:
         correction = method.correct(contour)
         method.add_result(apply(contour, correction), result_of(contour, LOAD))
-    known = method.estimator._fields(contours[-2].forming_tip[::20, :2])
     now = method.estimator._now
+    known = method.estimator._fields(now, contours[-2].forming_tip[::20, :2])
     now.wall, now.bottom = (replace(field, covariance=1e-6 * field.covariance) for field in known)
     twin_push = -float(correction.offset[:, 2].mean())
     method.add_lift(reading_of(rows_of(1.3 * twin_push, place=tuple(contours[-2].forming_tip[-1]))), 6)

@@ -196,9 +196,11 @@ class ElasticModel(SheetModel):
 
     def _levels_around(self, contour: Contour) -> tuple[_Laws, _Laws, float]:
         """Levels before and after ``contour`` and the share of the second one."""
-        if self._from_database and not self._belongs(contour):
+        if self._from_database and not (self._of_stage(contour) and self._belongs(contour)):
             self._from_database, self._levels = False, []
-            self._remark = "the springback database belongs to another plan; computed while forming"
+            self._remark = (
+                "the springback database belongs to another plan, or lacks this stage; computed while forming"
+            )
         if not self._from_database:
             self._compute_if_due(contour)
         own = self._of_stage(contour)

@@ -93,6 +93,7 @@ class History:
     ----------
     base, current : None where there is none
     wall, of_wall : the wall in work, and the indices of its contours so far, the one in work last
+    walls : such indices of every wall
     scans : the target, and the shapes measured between contours
     """
 
@@ -103,7 +104,7 @@ class History:
         self.wall = Wall(0, 0, 1)
         self.of_wall: list[int] = []
         self._left: dict[tuple[int, int], FormedContour] = {}
-        self._walls: dict[Wall, list[int]] = {}
+        self.walls: dict[Wall, list[int]] = {}
 
     def advance(self, contour: Contour) -> IsfError | None:
         """Prepare for ``contour``; returns CONTOUR_OUT_OF_ORDER when it does not follow the last one.
@@ -117,7 +118,7 @@ class History:
             if current is not None:
                 self.scans.clear()
             self.base = self.current = None
-            self._left, self._walls = {}, {}
+            self._left, self.walls = {}, {}
             self._count(contour)
             return None
         last = current.contour
@@ -141,9 +142,9 @@ class History:
 
     def _count(self, contour: Contour) -> None:
         self.wall = wall_of(contour)
-        before = self._walls.get(self.wall, [])
+        before = self.walls.get(self.wall, [])
         self.of_wall = [*(index for index in before if index < contour.index), contour.index]
-        self._walls[self.wall] = self.of_wall
+        self.walls[self.wall] = self.of_wall
 
     def last(self, contour: Contour) -> LastCorrection:
         """The correction of the base at the nearest place in plan view of every point of ``contour``; zero when there

@@ -24,6 +24,7 @@ import numpy as np
 from isf_core.contour import Contour, ContourResult
 from isf_core.errors import IsfError
 from isf_core.files.job import JobFile, lift_interval
+from isf_core.geometry.height_map import HeightMap
 from isf_core.types import Array
 from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
@@ -107,6 +108,7 @@ class _WallEstimate:
     remarks : on the last scan
     movement : still to come ; scanned : contour and shape that it was read after last
     floor : m, height of the floor that it ends in, None until it is asked for
+    formed : the contour formed last ; read : index of the contour that the last scan used came after
     """
 
     wall: BiasField | None = None
@@ -118,12 +120,12 @@ class _WallEstimate:
     movement: BiasField | None = None
     scanned: tuple[Contour, FormedShape] | None = None
     floor: float | None = None
+    formed: FormedContour | None = None
+    read: int = -1
 
     def next_wall(self) -> _WallEstimate:
         """What is known of a wall that this tool begins after this one: the biases of the model."""
-        return _WallEstimate(
-            self.wall, self.bottom, confirmed=self.confirmed, doubtful=self.doubtful, remarks=self.remarks
-        )
+        return _WallEstimate(self.wall, self.bottom, confirmed=self.confirmed, doubtful=self.doubtful)
 
 
 @dataclass(frozen=True)
@@ -211,9 +213,10 @@ class FusedEstimator(Estimator):
                 self._predicted = contour, self._model.estimate(contour, history).springback
             except IsfError:
                 self._predicted = contour, np.zeros(len(contour))
+        now = self._now
+        now.formed = formed
         if formed.over_floor:
             return  # it says nothing of the wall
-        now = self._now
         before = [step for step in now.steps if step.contour.index < contour.index]
         now.steps = [*before[1 - CONTOURS_PER_PLACE :], ModelledContour(contour, formed.push, self._predicted[1])]
 
@@ -247,8 +250,29 @@ class FusedEstimator(Estimator):
         if current is not None and current.contour.forming_tool != 1:
             self._now.remarks = (FROM_BELOW,)
             return
-        now = self._now
-        if shape is None or current is None or target is None or not now.steps:
+        if shape is None or current is None or target is None:
+            return
+        for wall, known in self._walls.items():
+            # a scan shows all walls; one that was not formed since the scan before says nothing new of its process
+            if known.formed is None or wall[1:] != history.wall[1:]:
+                continue
+            if known is self._now or known.formed.contour.index > known.read:
+                known.read = current.contour.index
+                self._read(known, known.formed, len(history.walls[wall]), shape, target, history)
+
+    # -- inside --------------------------------------------------------------------------------------
+
+    def _read(
+        self,
+        now: _WallEstimate,
+        current: FormedContour,
+        count: int,
+        shape: FormedShape,
+        target: HeightMap,
+        history: History,
+    ) -> None:
+        """Update what is known of one wall, of whose ``count`` contours ``current`` was formed last."""
+        if not now.steps:
             return
         contour, began = current.contour, history.scans.began
         found = shape_remarks(shape, target, float(contour.forming_tip[:, 2].min()), self.job_file, began)
@@ -257,10 +281,10 @@ class FusedEstimator(Estimator):
             return
         reading = read_errors(contour, shape, target, self._radius[contour.forming_tool], began)
         noise = np.full(len(reading.place), float(np.hypot(READING_DEVIATION, shape.noise)))
-        known = self._fields(reading.place)
+        known = self._fields(now, reading.place)
         surprise = reading.wall - expected_error(now.steps, reading.place)
         edge = EDGE_CONTOURS if held_by_plate(contour, self.job_file) else CONTOURS_PER_PLACE
-        if len(history.of_wall) <= edge:
+        if count <= edge:
             # Still the edge of the opening: no push makes it better where it stands too high, as it always does a
             # little. Where it lies too deep the coming contours would press it deeper yet.
             surprise = np.where(surprise < 0.0, surprise, np.nan)
@@ -269,7 +293,7 @@ class FusedEstimator(Estimator):
             return
         last = now.steps[-1]
         near = nearest_points(reading.place, contour.forming_tip[:, :2])
-        self._add_movement(contour, shape, history, reading.place)
+        self._add_movement(now, contour, shape, target, reading.place, history)
         now.wall, doubt_wall = updated(known[0], surprise, noise)
         surprise = reading.bottom - (last.model - last.pushed)[near]
         if now.bottom is not None or np.isfinite(surprise).any():
@@ -277,8 +301,6 @@ class FusedEstimator(Estimator):
         now.confirmed = True
         now.doubtful = float(doubt_wall.mean())
         now.remarks = (*shape.remarks, *found)
-
-    # -- inside --------------------------------------------------------------------------------------
 
     def _model_alone(self, contour: Contour) -> tuple[str, ...]:
         """A remark with the first contour that is corrected, when nothing will be measured between contours."""
@@ -288,17 +310,25 @@ class FusedEstimator(Estimator):
         measured = job.springback.scan_every or lift_interval(job, self.name)
         return () if measured or self._first[1] != contour.index else (MODEL_ALONE,)
 
-    def _add_movement(self, contour: Contour, shape: FormedShape, history: History, place: Array) -> None:
+    def _add_movement(
+        self,
+        now: _WallEstimate,
+        contour: Contour,
+        shape: FormedShape,
+        target: HeightMap,
+        place: Array,
+        history: History,
+    ) -> None:
         """Update the movement to come, at ``place`` (M, 2) m, from the last two shapes of one wall."""
-        before, self._now.scanned = self._now.scanned, (contour, shape)
-        target = history.scans.target
-        if before is None or before[0].index >= contour.index or target is None:
+        before, now.scanned = now.scanned, (contour, shape)
+        if before is None or before[0].index >= contour.index:
             return
-        contours = sum(index > before[0].index for index in history.of_wall)
+        contours = sum(index > before[0].index for index in history.walls[wall_of(contour)])
+        floor = _floor(now, contour, target)
         moved, deviation = movement_to_come(
-            contour, shape, *before, contours, target, self._radius[contour.forming_tool]
+            contour, shape, *before, contours, target, floor, self._radius[contour.forming_tool]
         )
-        self._now.movement, _ = updated(self._moving(place), moved, deviation)
+        now.movement, _ = updated(self._moving(now, place), moved, deviation)
 
     def _unconfirmed(self) -> bool:
         """True while scans are to come and none has confirmed the model, or the last one contradicts it."""
@@ -306,37 +336,42 @@ class FusedEstimator(Estimator):
             return False  # several contours without a scan: the model is all there is
         return not self._now.confirmed or self._now.doubtful > DOUBTFUL_SHARE
 
-    def _fields(self, place: Array) -> tuple[BiasField, BiasField]:
+    def _fields(self, now: _WallEstimate, place: Array) -> tuple[BiasField, BiasField]:
         """Both biases at ``place`` (M, 2) m, one contour later than last time."""
-        drift = 1.0 + DRIFT_AFTER_SURPRISE * self._now.doubtful
-        wall = first_field(place) if self._now.wall is None else carried(self._now.wall, place, drift)
-        bottom = first_field(place) if self._now.bottom is None else carried(self._now.bottom, place, drift)
+        drift = 1.0 + DRIFT_AFTER_SURPRISE * now.doubtful
+        wall = first_field(place) if now.wall is None else carried(now.wall, place, drift)
+        bottom = first_field(place) if now.bottom is None else carried(now.bottom, place, drift)
         return wall, bottom
 
-    def _moving(self, place: Array) -> BiasField:
+    def _moving(self, now: _WallEstimate, place: Array) -> BiasField:
         """The movement to come at ``place`` (M, 2) m, one contour later than last time."""
-        if self._now.movement is None:
+        if now.movement is None:
             return first_field(place)
-        return carried(self._now.movement, place, MOVEMENT_DRIFT)
+        return carried(now.movement, place, MOVEMENT_DRIFT)
 
     def _bias(self, contour: Contour, history: History) -> tuple[Array, Array, Array, Array]:
         """Places (M, 3) m; bias, its standard deviation and the movement to come along the contour, (N,) m each."""
         samples = LoopSamples.of(contour, PLACES)
-        wall, bottom = self._fields(samples.contact[:, :2])
-        moving = self._moving(samples.contact[:, :2])
+        wall, bottom = self._fields(self._now, samples.contact[:, :2])
+        moving = self._moving(self._now, samples.contact[:, :2])
         target = history.scans.target
         unseen = self._now.bottom is None and history.scans.began is not None
         if target is None or unseen or self.job_file.job.path.floor_step is not None:
             share = np.zeros(len(contour))  # passes over the floor make it, or the stage before has made it
         else:
-            if self._now.floor is None:
-                self._now.floor = floor_under(target, contour)
-            share = floor_share(contour, self._now.floor, self._radius[contour.forming_tool])
+            share = floor_share(contour, _floor(self._now, contour, target), self._radius[contour.forming_tool])
         on_wall, on_floor, wall_deviation, floor_deviation, movement = samples.along(
             wall.bias, bottom.bias, wall.deviation, bottom.deviation, moving.bias
         )
         bias = (1.0 - share) * on_wall + share * on_floor
         return samples.contact, bias, np.maximum(wall_deviation, floor_deviation), (1.0 - share) * movement
+
+
+def _floor(now: _WallEstimate, contour: Contour, target: HeightMap) -> float:
+    """m, height of the floor that the wall of ``contour`` ends in."""
+    if now.floor is None:
+        now.floor = floor_under(target, contour)
+    return now.floor
 
 
 def _shifted(known: BiasField | None, contour: Contour, grown: Array) -> BiasField | None:

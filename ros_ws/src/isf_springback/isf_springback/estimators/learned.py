@@ -20,6 +20,7 @@ import numpy as np
 from isf_core.contour import Contour, Process, contour_label, makes_floor
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
+from isf_core.geometry.height_map import HeightMap
 from isf_core.types import Array
 
 from isf_springback.estimators import learning
@@ -142,8 +143,9 @@ class LearnedEstimator(Estimator):
 @dataclass
 class _WallDifference:
     """What is known of one wall: ``wall`` and ``bottom`` biases, the contours that made it in reach of the scan
-    (``steps``), of the newest scan ``remarks`` and the share of ``doubtful`` places, and the height m of the ``floor``
-    that it ends in, None until it is asked for."""
+    (``steps``), the one ``formed`` last, and whether a bottom was ever seen (``has_bottom``); of the newest scan
+    ``remarks`` and the share of ``doubtful`` places, and the contour that it came after (``read``); the height m of the
+    ``floor`` that it ends in, None until it is asked for."""
 
     wall: BiasField | None = None
     bottom: BiasField | None = None
@@ -151,6 +153,9 @@ class _WallDifference:
     doubtful: float = 0.0
     remarks: tuple[str, ...] = ()
     floor: float | None = None
+    has_bottom: bool = False
+    formed: FormedContour | None = None
+    read: int = -1
 
 
 class Difference:
@@ -185,14 +190,15 @@ class Difference:
     def along(self, contour: Contour, history: History) -> tuple[Array, Array]:
         """(N,) m, springback of ``contour`` beyond that of the part before, and its standard deviation."""
         samples = LoopSamples.of(contour, PLACES)
-        wall, bottom = self._fields(contour, samples.contact[:, :2])
+        wall, bottom = self._fields(self._now, contour, samples.contact[:, :2])
         on_wall, on_floor, wall_deviation, floor_deviation = samples.along(
             wall.bias, bottom.bias, wall.deviation, bottom.deviation
         )
         share, target = np.zeros(len(contour)), history.scans.target
+        unseen = history.scans.began is not None and not self._now.has_bottom  # the stage before has made it
         if self._floor_passes:
             share += makes_floor(contour)
-        elif target is not None:
+        elif target is not None and not unseen:
             if self._now.floor is None:
                 self._now.floor = floor_under(target, contour)
             share = floor_share(contour, self._now.floor, self._radius[contour.forming_tool])
@@ -203,22 +209,34 @@ class Difference:
         contour = formed.contour
         place, applied = self._known(contour, self._before.applied)
         then = _along(contour, place, applied)
+        self._now.formed = formed
         earlier = [step for step in self._now.steps if step.contour.index < contour.index]
         self._now.steps = [*earlier[1 - CONTOURS_PER_PLACE :], ModelledContour(contour, formed.push, then)]
 
     def add_shape(self, shape: FormedShape | None, history: History) -> None:
-        """The shape measured after the contour in work."""
-        current, target, now = history.current, history.scans.target, self._now
-        if shape is None or current is None or target is None or not now.steps:
+        """The shape measured after the contour in work: of every wall that was formed since the scan before."""
+        current, target = history.current, history.scans.target
+        if shape is None or current is None or target is None or current.contour.forming_tool != 1:
             return
+        for wall, known in self._walls.items():
+            if known.formed is None or wall[1:] != history.wall[1:]:
+                continue
+            if known is self._now or known.formed.contour.index > known.read:
+                known.read = current.contour.index
+                self._read(known, known.formed, shape, target, history)
+
+    # -- inside --------------------------------------------------------------------------------------
+
+    def _read(
+        self, now: _WallDifference, current: FormedContour, shape: FormedShape, target: HeightMap, history: History
+    ) -> None:
+        """Update what is known of one wall, of which ``current`` was formed last."""
         contour = current.contour
-        if contour.forming_tool != 1:
-            return
         reading = read_errors(contour, shape, target, self._radius[contour.forming_tool], history.scans.began)
         noise = np.full(len(reading.place), float(np.hypot(READING_DEVIATION, shape.noise)))
         place, seen = self._known(contour, self._seen)
         then = seen[nearest_points(reading.place, place)]
-        wall, bottom = self._fields(contour, reading.place)
+        wall, bottom = self._fields(now, contour, reading.place)
         last = now.steps[-1]
         near = nearest_points(reading.place, contour.forming_tip[:, :2])
         now.wall = wall
@@ -228,14 +246,12 @@ class Difference:
             now.doubtful = float(doubt.mean())
         surprise = reading.bottom - then[:, 1] - (last.model - last.pushed)[near]
         now.bottom, _ = updated(bottom, surprise, noise)
+        now.has_bottom |= bool(np.isfinite(surprise).any())
         nothing = () if self._before.seen is not None else (NOTHING_SEEN,)
         now.remarks = (*shape.remarks, *nothing, *implausible(now.doubtful))
 
-    # -- inside --------------------------------------------------------------------------------------
-
-    def _fields(self, contour: Contour, place: Array) -> tuple[BiasField, BiasField]:
-        """Both biases at ``place`` (M, 2) m of ``contour``, one contour later than last time."""
-        now = self._now
+    def _fields(self, now: _WallDifference, contour: Contour, place: Array) -> tuple[BiasField, BiasField]:
+        """Both biases at ``place`` (M, 2) m of ``contour`` of the wall ``now``, one contour later than last time."""
         drift = 1.0 + DRIFT_AFTER_SURPRISE * now.doubtful
         lever = shift_lever(contour, place)
         if now.wall is None or now.bottom is None:

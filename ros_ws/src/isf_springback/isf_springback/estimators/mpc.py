@@ -25,6 +25,7 @@ from isf_springback.estimators.estimator import Bounds, Estimator, History, Hori
 from isf_springback.estimators.mpc_problem import solve_coupled
 from isf_springback.estimators.mpc_state import PolarContour, Sections, distribute
 from isf_springback.loop_path import forming_radius
+from isf_springback.scan import FormedShape
 from isf_springback.scan.feedback import contour_over_die, target_over_die
 from isf_springback.scan.formed_shape import floor_under
 from isf_springback.scan.sections import contact_reach
@@ -112,7 +113,7 @@ class ModelPredictiveEstimator(Estimator):
         move = None
         if len(history.of_wall) > self.job_file.job.springback.open_loop_contours:
             move = self._move(contour, history)
-        shape = history.scans.fresh(contour)
+        shape = _fresh(history)
         remarks: tuple[str, ...] = () if shape is None else shape.remarks
         radial = _radial(contour)
         if move is None:
@@ -143,7 +144,7 @@ class ModelPredictiveEstimator(Estimator):
                 where=contour_label(contour.index),
                 advice="use the method analytic for features formed from below",
             )
-        shape, base, target = history.scans.fresh(contour), history.base, history.scans.target
+        shape, base, target = _fresh(history), history.base, history.scans.target
         if shape is None or base is None or target is None:
             return None
         options, formed = self._options, base.contour
@@ -304,6 +305,11 @@ class ModelPredictiveEstimator(Estimator):
         kind = "dense" if dense else options.distribution
         spread = distribute(departure, cut.angle[seen], polar.angle, polar.radius, kind)
         return np.asarray(-cut.progress * spread), float(1.0 - seen.mean())
+
+
+def _fresh(history: History) -> FormedShape | None:
+    """The shape measured since the contour of this wall before the one in work, None when there is none."""
+    return history.scans.since(history.of_wall[-2]) if len(history.of_wall) > 1 else None
 
 
 def _radial(contour: Contour) -> Array:

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from isf_springback.loop_path import LoopPath
 from isf_springback.scan import sections
-from isf_springback.scan.readings import WALL_REACH
+from isf_springback.scan.readings import WALL_REACH, median_of_rows
 from isf_springback.scan.sections import STEP, Directions
 
 OUTSIDE = 20e-3
@@ -197,7 +197,7 @@ def bottom_error(cut: Sections, contour_level: float, width: float = 1e-3, began
         before = sections.vertical_sections(began, cut.directions, cut.reach)
         deeper = before.min(axis=1, initial=np.inf, where=away <= width) < contour_level
         contact = (cut.reach >= WALL_REACH[0]) & (cut.reach <= WALL_REACH[1])
-        error = np.where(deeper, np.median((cut.formed - cut.target)[:, contact], axis=1), error)
+        error = np.where(deeper, median_of_rows((cut.formed - cut.target)[:, contact]), error)
     return np.asarray(error)
 
 

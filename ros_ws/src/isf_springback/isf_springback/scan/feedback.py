@@ -129,9 +129,9 @@ class ScanMemory:
         """Why the scan made just before ``contour`` was refused; None when it was not, or there was none."""
         return self.fault if self._taken == contour.index - 1 else None
 
-    def fresh(self, contour: Contour) -> FormedShape | None:
-        """The shape measured just before ``contour``, None when there is none."""
-        return self.shape if self.index == contour.index - 1 else None
+    def since(self, index: int) -> FormedShape | None:
+        """The newest shape, if it was measured after contour ``index`` or a later one."""
+        return self.shape if self.index >= index else None
 
 
 def shape_over_die(

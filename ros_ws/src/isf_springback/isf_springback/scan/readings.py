@@ -64,7 +64,7 @@ def read_errors(
     formed = sections.vertical_sections(shape.surface, directions, reach)
     wanted = sections.vertical_sections(target, directions, reach)
     near = (reach >= WALL_REACH[0] - 1e-9) & (reach <= WALL_REACH[1] + 1e-9)
-    wall = _median(formed[:, near] - wanted[:, near])
+    wall = median_of_rows(formed[:, near] - wanted[:, near])
     tip = radius * np.sin(angle)
     level = directions.tip_level
     inner = _inner(contour)
@@ -77,7 +77,7 @@ def read_errors(
         high = before.max(axis=1, initial=-np.inf, where=inside)
         flat &= ((high - low <= LARGEST_PILLOW) & (low >= level - SAME_DEPTH))[:, None]
     bottom = np.where(inside & flat, formed - level[:, None], np.nan)
-    middle = _median(bottom)
+    middle = median_of_rows(bottom)
     # By area: beside the tip the bottom lies deeper than in the middle, and there is more of it.
     area = np.maximum(tip[:, None] + 2.0 * inner - reach[None, :], 0.0)
     pillow = np.clip(bottom - middle[:, None], -LARGEST_PILLOW, LARGEST_PILLOW)
@@ -92,13 +92,14 @@ def movement_to_come(
     shape_before: FormedShape,
     contours: int,
     target: HeightMap,
+    floor: float,
     radius: float,
 ) -> tuple[Array, Array]:
     """How far the wall that ``contour`` makes will still rise while the part below it is formed, and the standard
     deviation of that, at :data:`PLACES` places of ``contour``; (M,) m each, NaN where it cannot be told.
 
     ``shape`` is the one after ``contour``, ``shape_before`` that after the earlier contour ``before`` of the same wall,
-    since which ``contours`` of it were formed.
+    since which ``contours`` of it were formed; it ends in a ``floor`` at a height of m.
     What every place of the wall has moved by between the two, from the contact up to the opening, is what one place
     will move by while the contact leaves it behind, as long as the process stays the same: the movement summed over the
     wall in steps of the way of the contact in plan. It is summed over no more wall than is still to come, and not where
@@ -112,7 +113,7 @@ def movement_to_come(
     moved = moved - sections.vertical_sections(shape_before.surface, directions, -away)
     came_from = before.contact[nearest_points(directions.origin, before.contact[:, :2]), :2]
     advance = np.linalg.norm(directions.origin - came_from, axis=1)
-    bottom = sections.vertical_sections(target, directions, away) <= np.nanmin(target.z) + BOTTOM_HEIGHT
+    bottom = sections.vertical_sections(target, directions, away) <= floor + BOTTOM_HEIGHT
     to_come = np.where(bottom.any(axis=1), sections.STEP * np.argmax(bottom, axis=1), WALL_LENGTH)
     begin = np.maximum(advance - WALL_REACH[0], CONTOURS_PER_PLACE * advance / contours)
     wall = np.logical_and.accumulate(sections.vertical_sections(target, directions, -away) < -OPENING_DEPTH, axis=1)
@@ -145,8 +146,8 @@ def _mean(values: Array, weight: Array) -> Array:
     return result
 
 
-def _median(values: Array) -> Array:
-    """(M,) median of the known values of each row; NaN where less than a quarter of the row is known."""
+def median_of_rows(values: Array) -> Array:
+    """(M,) median of the known ``values`` (M, n) of each row; NaN where fewer than two are known."""
     result = np.full(len(values), np.nan)
     enough = np.isfinite(values).sum(axis=1) >= 2
     result[enough] = np.nanmedian(values[enough], axis=1)

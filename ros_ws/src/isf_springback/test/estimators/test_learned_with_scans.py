@@ -103,6 +103,24 @@ def test_scans_correct_what_another_sheet_does_differently(tmp_path, rising):
     assert errors[EVERY] < 0.1e-3 + error_of(twins[-1])
 
 
+def test_a_finishing_pass_is_corrected_down_to_the_floor_by_what_its_wall_shows(tmp_path):
+    """The pass before has formed the floor, of which nothing is seen then; the sheet springs back 0.6 mm more."""
+    known = learn(tmp_path, [sheet_of(1.2e-3) for _ in range(3)])
+    corrector = make_corrector("learned", job(tmp_path, EVERY))
+    corrector.set_target(TARGET)
+    sheet = sheet_of(1.8e-3)
+    sheet.z = np.minimum(TARGET.z + 0.6e-3, 0.0)
+    for index in range(COUNT):
+        contour = replace(cone_contour(index, count=COUNT), stage=1)
+        correction = corrector.correct(contour)
+        sheet.form(apply(contour, correction))
+        if (index + 1) % EVERY == 0:
+            corrector.add_scan(sheet.points(), index)
+        assert correction.code == 0
+    _, before = known.of_contour(COUNT - 1)
+    assert -correction.offset[:, 2].mean() - before.mean() == pytest.approx(0.6e-3, abs=0.25e-3)
+
+
 def test_one_side_tells_that_the_part_lies_off_in_plan():
     """A part that lies off by 0.3 mm in +x, of which nothing is seen but the side where x is positive."""
     contour = cone_contour(12, count=COUNT)
