@@ -11,16 +11,19 @@ where ``MyProcess`` derives from :class:`FormingProcess` or one of the processes
 from __future__ import annotations
 
 import hashlib
+import json
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import ClassVar
+from pathlib import Path
+from typing import Any, ClassVar
 
 import numpy as np
 from isf_core.contour import Contour
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import AdsifSpec, Job, JobFile, load_process
+from isf_core.files.rig import Rig
 from isf_core.files.yaml_file import find_named
 from isf_core.types import Array
 
@@ -40,6 +43,39 @@ from isf_planner.surface import target_surface, tip_surface
 
 Progress = Callable[[str, float], None]
 Cancelled = Callable[[], bool]
+
+OF_NO_PATH: dict[str, Any] = {"model": True, "natural_frequency": True, "joints": {"__all__": {"stiffness"}}}
+"""Of an arm: how it gives way is drawn, and decides nothing."""
+OF_RIG: dict[str, Any] = {
+    "clamp": {"size", "height"},
+    "tool_1": {"arm"},
+    "tool_2": {"arm"},
+    "kinematics": True,
+    "hexapod": True,
+    "legs": {
+        "valve": {"flow", "pressure_drop", "edge_ratio", "leakage"},
+        "cylinder": {"bore", "rod"},
+        "supply": {"flow", "pressure"},
+    },
+    "limits": {"travel"},
+}
+"""What planning reads of a rig: geometry, and what the checks refuse by. Forces only warn, park height and speed tell
+the time alone."""
+OF_MATERIAL = {
+    "name",
+    "young_modulus",
+    "poisson_ratio",
+    "yield_strength",
+    "tensile_strength",
+    "max_wall_angle",
+    "strength_coefficient",
+    "hardening_exponent",
+    "pre_strain",
+    "saturation_stress",
+    "saturation_strain",
+    "flow_curve",
+}
+"""What planning reads of a material: for predicted force, compensation of the sheet, chips and the largest angle."""
 
 
 @dataclass(frozen=True)
@@ -173,11 +209,14 @@ def numbered(contours: Sequence[Contour]) -> tuple[Contour, ...]:
 
 
 def plan_id(job_file: JobFile, path: bytes | None = None) -> str:
-    """Name of the job, and a digest of what its plan follows from.
+    """Name of the job, and a digest of what contours follow from.
 
-    A part goes on, and a contour is taken, only under the name of its plan: so the files that the job names are in it
-    by content. The force that a rig bears is left out: it is raised for a simulated sheet that is too strong, and no
-    contour follows from it.
+    A part goes on, and a contour is taken, only under the name of its plan: so the files that planning reads are in it
+    by content, not by place, and it is the same in another copy of the folder. Of rig and material it holds what
+    planning reads (:data:`OF_RIG`, :data:`OF_MATERIAL`): with a load cell that was calibrated anew the plan is the
+    same, and with the force that is raised for a simulated sheet that is too strong. Files that only a correction reads
+    (``springback.learning``, ``elastic.database``) are in it by their name in the job alone, and what else a process of
+    another package reads is not.
 
     Parameters
     ----------
@@ -188,10 +227,9 @@ def plan_id(job_file: JobFile, path: bytes | None = None) -> str:
     IsfError : FILE_NOT_FOUND for a response surface; of other files that are missing their readers tell
     """
     job = job_file.job
-    digest = hashlib.sha256(job_file.text.encode())
-    rig = job_file.rig.model_dump_json(exclude={"provenance": True, "limits": {"force"}, "load_cell": {"force_range"}})
-    digest.update(rig.encode())
-    digest.update(job_file.material.model_dump_json(exclude={"provenance"}).encode())
+    digest = hashlib.sha256(_text(job_file).encode())
+    digest.update(json.dumps(_of_rig(job_file.rig, job), sort_keys=True).encode())
+    digest.update(job_file.material.model_dump_json(include=OF_MATERIAL).encode())
     digest.update(path or b"")
     named = (job.accuracy_surfaces, job.die.mesh if job.die else None, job.path.machine_error)
     files = [*job_file.sources, *(job_file.base / name for name in named if name is not None)]
@@ -200,6 +238,22 @@ def plan_id(job_file: JobFile, path: bytes | None = None) -> str:
     for file in files if path is None else ():
         digest.update(file.read_bytes() if file.is_file() else b"")
     return f"{job.name}-{digest.hexdigest()[:8]}"
+
+
+def _text(job_file: JobFile) -> str:
+    """The job; the material of a blank that it names as a file stands in it with the folder, which is left out."""
+    material = Path(job_file.job.sheet.material)
+    return job_file.text.replace(str(material), material.name) if material.is_absolute() else job_file.text
+
+
+def _of_rig(rig: Rig, job: Job) -> dict[str, Any]:
+    arms = {"arm": OF_NO_PATH}
+    read = rig.model_dump(mode="json", include=OF_RIG, exclude={"tool_1": arms, "tool_2": arms})
+    if window := job.support_window:  # of contact stiffness and offset limit: support forces that the job leaves open
+        read["support_window"] = [window.keeping, window.chips, window.reach]
+    if job.process == "ADSIF" and (job.adsif or AdsifSpec()).compensate_compliance:
+        read["give"] = [rig.tool_1.compliance[0], rig.tool_2.compliance[0]]
+    return read
 
 
 def _parts(mesh: Mesh, job_file: JobFile) -> list[HalfPart]:

@@ -89,7 +89,7 @@ class Clamp(FileModel):
     size: tuple[Length, Length]
     """Free sheet between the clamps, x and y."""
     height: Length = Field(default=20e-3, ge=0)
-    """Frame of the clamp above the sheet, which a tilted tool must not run into (assumed where it is left out)."""
+    """Frame of the clamp above the sheet, which a forming tool must not run into (assumed where it is left out)."""
     edge: Literal["free", "fixed"] = "free"
     """In-plane condition of the clamped edge (deflection and slope are always held): the
     result depends on it by 20-40 %, so it is a named property of the rig."""

@@ -5,7 +5,7 @@ stage, and to be flat at the level of the contact inside. A backing plate lies u
 frame of the clamp stands on the sheet around its opening (``clamp.height`` of the rig).
 
 A shank no wider than the tip of an upright tool meets nothing that the tip does not meet: there the wider shank and the
-holder count, as far as the job tells of them.
+holder count. A plan is refused only for sizes that job and rig tell; of assumed ones there is a warning.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from isf_core.files.job import Job, JobFile
 from isf_core.files.rig import Rig
 from isf_core.files.tooling import ToolSpec
 from isf_core.geometry.height_map import HeightMap
-from isf_core.geometry.tool_solid import ASSUMED_HOLDER, ToolSolid, tool_solid
+from isf_core.geometry.tool_solid import ASSUMED_HOLDER, ASSUMED_STICK_OUT, ToolSolid, tool_solid
 from isf_core.types import Array
 from scipy.interpolate import RegularGridInterpolator, griddata
 
@@ -100,73 +100,126 @@ def check_shank(contours: Sequence[Contour], target: HeightMap, job_file: JobFil
 
 
 UPRIGHT = np.array([0.0, 0.0, 1.0])
+SHANK = "shank"
+"""Name of that part in a :class:`ToolSolid`."""
 
 
 def check_upright(
     contours: Sequence[Contour], sides: Sequence[Side], target: HeightMap, job_file: JobFile
 ) -> tuple[str, ...]:
-    """Warnings where an assumed holder of an upright forming tool would run into something.
+    """Warnings where an upright forming tool would run into something, if what is assumed of it is so.
 
     ``contours`` of the part itself, without those of earlier stages, whose walls are flatter. A tool of which the job
-    tells neither ``stick_out`` nor ``holder`` has no length that could be too short. In ADSIF the sheet is not in its
-    final shape until the end: nothing is looked at.
+    tells neither ``stick_out`` nor ``holder`` has no length that could be too short: then its shank is looked at alone,
+    where that is wider than the tip. In ADSIF the sheet is not in its final shape until the end: nothing is looked at.
 
     Raises
     ------
-    IsfError : SHANK_COLLISION with the part of the tool, the place and an advice, where the job tells of that part
+    IsfError : SHANK_COLLISION with the part of the tool, the place and an advice, where job and rig tell all sizes that
+        are involved
     """
     job, rig = job_file.job, job_file.rig
     if job.process == "ADSIF":
         return ()
     warnings = []
     for number, side in enumerate(sides):
-        tool = swapped(job, side.forming_tool).tool_1
+        tool, name = swapped(job, side.forming_tool).tool_1, f"tool_{side.forming_tool}"
         solid = _beyond_the_tip(tool)
         if solid is None:
             continue
-        frame = clamp_frame(rig) if side.forming_tool == 1 else np.empty((0, 3))
         shape = _around(side, target, job)
         mine = range(first_number(sides, number), first_number(sides, number + 1))
         own = [contour for contour in contours if contour.feature in mine and not contour.tilted]
-        found = min(
-            (_nearest(one, side, shape, frame, solid) for one in own), key=lambda one: one.distance, default=None
-        )
-        if found is None or found.distance >= -TOLERANCE:
+        frame = clamp_frame(rig) if side.forming_tool == 1 else np.empty((0, 3))
+        found = _nearest_of_all(own, side, shape, frame, solid)
+        if found is None:
             continue
-        contour = next(one for one in own if one.index == found.contour)
-        place, name = side.in_sheet(found.place), f"tool_{side.forming_tool}"
-        framed = len(frame) > 0 and place[2] > contour.holder_height and _in_frame(place, rig)
-        met = "the frame of the clamp" if framed else "the sheet"
-        what = (
-            f"the {found.part} of the upright {name} would run {-1e3 * found.distance:.2f} mm into {met} at "
-            f"{place_text(place)}"
-        )
-        where = f"{contour_label(found.contour)} with the tip at {place_text(contour.forming_tip[found.point])}"
-        if found.part == "holder" and not tool.holder:
-            length, radius = (1e3 * size for size in ASSUMED_HOLDER)
-            warnings.append(
-                f"{what}, {where}: that it is {length:g} mm long with a radius of {radius:g} mm is assumed, say in "
-                f"{name}.holder what it is"
+        certain = _told_of(tool, solid)  # alone: what is assumed may reach further than what is sure, and hide it
+        known = frame if _height_told(rig) else frame[frame[:, 2] <= 0.0]  # the frame's foot is on the sheet
+        sure = _nearest_of_all(own, side, shape, known, certain) if certain else None
+        if sure is not None:
+            what, where, _ = _collision(sure, own, side, rig, framed=len(frame) > 0)
+            raise IsfError(
+                ErrorCode.SHANK_COLLISION,
+                what,
+                where=where,
+                advice=f"use a longer tool ({name}.stick_out) or a thinner holder ({name}.holder)",
             )
-            continue
-        raise IsfError(
-            ErrorCode.SHANK_COLLISION,
-            what,
-            where=where,
-            advice=f"use a longer tool ({name}.stick_out) or a thinner one ({name}.shank_radius, {name}.holder)",
-        )
+        what, where, framed = _collision(found, own, side, rig, framed=len(frame) > 0)
+        warnings.append(f"{what}, {where}, {_assumed(found, tool, name, rig, framed=framed)}")
     return tuple(warnings)
 
 
+def _nearest_of_all(
+    contours: Sequence[Contour], side: Side, shape: HeightMap, frame: Array, solid: ToolSolid
+) -> ShankClearance | None:
+    """The deepest that shank and holder run into anything; None where they run into nothing."""
+    each = (_nearest(contour, side, shape, frame, solid) for contour in contours)
+    found = min(each, key=lambda one: one.distance, default=None)
+    return None if found is None or found.distance >= -TOLERANCE else found
+
+
+def _collision(
+    found: ShankClearance, contours: Sequence[Contour], side: Side, rig: Rig, *, framed: bool
+) -> tuple[str, str, bool]:
+    """What is ``found``, where, and whether it is with the frame of the clamp; ``framed``: there is one."""
+    contour = next(one for one in contours if one.index == found.contour)
+    place = side.in_sheet(found.place)
+    framed = framed and bool(place[2] > contour.holder_height) and _in_frame(place, rig)
+    met = "the frame of the clamp" if framed else "the sheet"
+    what = (
+        f"the {found.part} of the upright tool_{side.forming_tool} would run {-1e3 * found.distance:.2f} mm into {met} "
+        f"at {place_text(place)}"
+    )
+    return (
+        what,
+        f"{contour_label(found.contour)} with the tip at {place_text(contour.forming_tip[found.point])}",
+        framed,
+    )
+
+
+def _assumed(found: ShankClearance, tool: ToolSpec, name: str, rig: Rig, *, framed: bool) -> str:
+    """On what it depends that a collision is one, and what to write so that it does not."""
+    conditions, fields = [], []
+    if found.part == SHANK:
+        conditions.append("if the shank is that wide down to the ball")
+    else:
+        length, radius = (1e3 * size for size in ASSUMED_HOLDER)
+        if tool.stick_out is None:
+            conditions.append(f"if the holder begins {1e3 * ASSUMED_STICK_OUT:g} mm above the tip")
+            fields.append(f"{name}.stick_out")
+        if not tool.holder:
+            conditions.append(f"if the holder is {length:g} mm long with a radius of {radius:g} mm")
+            fields.append(f"{name}.holder")
+    if framed and not _height_told(rig):
+        conditions.append(f"if the frame of the clamp is {1e3 * rig.clamp.height:g} mm high")
+        fields.append("clamp.height of the rig")
+    told = " and ".join(conditions)
+    return f"{told}; that is assumed: say what it is in {' and '.join(fields)}" if fields else told
+
+
+def _height_told(rig: Rig) -> bool:
+    return "height" in rig.clamp.model_fields_set
+
+
+def _told_of(tool: ToolSpec, solid: ToolSolid) -> ToolSolid | None:
+    """Of ``solid`` the parts whose size and place the job tells. A shank that is wider than the tip is none of them: it
+    may have a neck, which no field describes."""
+    if tool.stick_out is None or not tool.holder:
+        return None
+    return _parts_of(solid, [k for k, part in enumerate(solid.names) if part != SHANK])
+
+
+def _parts_of(solid: ToolSolid, chosen: Sequence[int]) -> ToolSolid | None:
+    return ToolSolid(solid.parts[chosen], tuple(solid.names[k] for k in chosen), solid.ball) if chosen else None
+
+
 def _beyond_the_tip(tool: ToolSpec) -> ToolSolid | None:
-    """What of an upright tool reaches further to the side than its tip, as far as it is told of; None: nothing."""
+    """What of an upright tool reaches further to the side than its tip; None: nothing, or nothing is told of it."""
     whole = tool_solid(tool)
     told = tool.stick_out is not None or bool(tool.holder)
     wide = whole.parts[0, 2] > tool.radius
-    chosen = [k for k in range(len(whole.names)) if (wide if k == 0 else told)]
-    if not chosen:
-        return None
-    return ToolSolid(whole.parts[chosen], tuple(whole.names[k] for k in chosen), whole.ball)
+    return _parts_of(whole, [k for k, part in enumerate(whole.names) if (wide if part == SHANK else told)])
 
 
 def _around(side: Side, target: HeightMap, job: Job) -> HeightMap:
