@@ -111,7 +111,7 @@ class Driver:
                 self._protect(STOP_REQUESTED, "the driver is told to be inactive, or to end, with a loaded tool")
             deadline = time.monotonic() + RELEASE_WITHIN
             while self._releasing() and time.monotonic() < deadline:
-                time.sleep(1.0 / self._rate)
+                time.sleep(1.0 / self._rate)  # the period of a cycle: no timer is served while this callback runs
                 self._on_timer()
         finally:
             self.halt()

@@ -188,6 +188,7 @@ class Corrector:
             return
         shape = history.scans.take(points, None if formed is None else formed.contour, index)
         if shape is not None and formed is not None and history.scans.target is not None:
+            history.add_scan()
             for wall, floor in self._floors.items():
                 if wall[1:] == self.history.wall[1:]:
                     floor.update(shape.surface, history.scans.target)

@@ -94,6 +94,8 @@ class History:
     base, current : None where there is none
     wall, of_wall : the wall in work, and the indices of its contours so far, the one in work last
     walls : such indices of every wall
+    shown : what the newest scan tells of, by wall: the last contour of all that were formed from the same side, in the
+        same stage, since the scan before; the others say nothing new of the process
     scans : the target, and the shapes measured between contours
     """
 
@@ -105,6 +107,9 @@ class History:
         self.of_wall: list[int] = []
         self._left: dict[tuple[int, int], FormedContour] = {}
         self.walls: dict[Wall, list[int]] = {}
+        self.shown: dict[Wall, FormedContour] = {}
+        self._formed: dict[Wall, FormedContour] = {}
+        self._scanned = -1
 
     def advance(self, contour: Contour) -> IsfError | None:
         """Prepare for ``contour``; returns CONTOUR_OUT_OF_ORDER when it does not follow the last one.
@@ -118,12 +123,13 @@ class History:
             if current is not None:
                 self.scans.clear()
             self.base = self.current = None
-            self._left, self.walls = {}, {}
+            self._left, self.walls, self.shown, self._formed, self._scanned = {}, {}, {}, {}, -1
             self._count(contour)
             return None
         last = current.contour
         if contour.index == last.index:
             return None
+        self._formed[self.wall] = current
         self._count(contour)
         self._left[last.feature, last.stage] = current
         # lifted tools need not go on from the push that they had elsewhere
@@ -139,6 +145,17 @@ class History:
             where=f"plan {contour.plan_id}",
             advice="contours must come in the order of the plan; the last good correction is kept",
         )
+
+    def add_scan(self) -> None:
+        """A scan that can be used was made after the contour in work."""
+        assert self.current is not None  # a scan is one of a contour
+        self._formed[self.wall] = self.current
+        self.shown = {
+            wall: formed
+            for wall, formed in self._formed.items()
+            if wall[1:] == self.wall[1:] and (wall == self.wall or formed.contour.index > self._scanned)
+        }
+        self._scanned = self.current.contour.index
 
     def _count(self, contour: Contour) -> None:
         self.wall = wall_of(contour)

@@ -108,7 +108,6 @@ class _WallEstimate:
     remarks : on the last scan
     movement : still to come ; scanned : contour and shape that it was read after last
     floor : m, height of the floor that it ends in, None until it is asked for
-    formed : the contour formed last ; read : index of the contour that the last scan used came after
     """
 
     wall: BiasField | None = None
@@ -120,8 +119,6 @@ class _WallEstimate:
     movement: BiasField | None = None
     scanned: tuple[Contour, FormedShape] | None = None
     floor: float | None = None
-    formed: FormedContour | None = None
-    read: int = -1
 
     def next_wall(self) -> _WallEstimate:
         """What is known of a wall that this tool begins after this one: the biases of the model."""
@@ -214,7 +211,6 @@ class FusedEstimator(Estimator):
             except IsfError:
                 self._predicted = contour, np.zeros(len(contour))
         now = self._now
-        now.formed = formed
         if formed.over_floor:
             return  # it says nothing of the wall
         before = [step for step in now.steps if step.contour.index < contour.index]
@@ -252,13 +248,8 @@ class FusedEstimator(Estimator):
             return
         if shape is None or current is None or target is None:
             return
-        for wall, known in self._walls.items():
-            # a scan shows all walls; one that was not formed since the scan before says nothing new of its process
-            if known.formed is None or wall[1:] != history.wall[1:]:
-                continue
-            if known is self._now or known.formed.contour.index > known.read:
-                known.read = current.contour.index
-                self._read(known, known.formed, len(history.walls[wall]), shape, target, history)
+        for wall, formed in history.shown.items():
+            self._read(self._walls[wall], formed, len(history.walls[wall]), shape, target, history)
 
     # -- inside --------------------------------------------------------------------------------------
 

@@ -143,9 +143,8 @@ class LearnedEstimator(Estimator):
 @dataclass
 class _WallDifference:
     """What is known of one wall: ``wall`` and ``bottom`` biases, the contours that made it in reach of the scan
-    (``steps``), the one ``formed`` last, and whether a bottom was ever seen (``has_bottom``); of the newest scan
-    ``remarks`` and the share of ``doubtful`` places, and the contour that it came after (``read``); the height m of the
-    ``floor`` that it ends in, None until it is asked for."""
+    (``steps``), and whether a bottom was ever seen (``has_bottom``); of the newest scan ``remarks`` and the share of
+    ``doubtful`` places; the height m of the ``floor`` that it ends in, None until it is asked for."""
 
     wall: BiasField | None = None
     bottom: BiasField | None = None
@@ -154,8 +153,6 @@ class _WallDifference:
     remarks: tuple[str, ...] = ()
     floor: float | None = None
     has_bottom: bool = False
-    formed: FormedContour | None = None
-    read: int = -1
 
 
 class Difference:
@@ -209,7 +206,6 @@ class Difference:
         contour = formed.contour
         place, applied = self._known(contour, self._before.applied)
         then = _along(contour, place, applied)
-        self._now.formed = formed
         earlier = [step for step in self._now.steps if step.contour.index < contour.index]
         self._now.steps = [*earlier[1 - CONTOURS_PER_PLACE :], ModelledContour(contour, formed.push, then)]
 
@@ -218,12 +214,8 @@ class Difference:
         current, target = history.current, history.scans.target
         if shape is None or current is None or target is None or current.contour.forming_tool != 1:
             return
-        for wall, known in self._walls.items():
-            if known.formed is None or wall[1:] != history.wall[1:]:
-                continue
-            if known is self._now or known.formed.contour.index > known.read:
-                known.read = current.contour.index
-                self._read(known, known.formed, shape, target, history)
+        for wall, formed in history.shown.items():
+            self._read(self._walls[wall], formed, shape, target, history)
 
     # -- inside --------------------------------------------------------------------------------------
 
