@@ -75,7 +75,7 @@ def job_of(case: Case) -> tuple[JobFile, str]:
     """The job of a case, with scans where its method looks at the shape, and the name of the method."""
     job_file = load_job(ROOT / "examples" / "jobs" / f"{case.job}.yaml")
     if case.method.endswith(NO_FLOOR):
-        path = job_file.job.path.model_copy(update={"floor_step": None})
+        path = job_file.job.path.model_copy(update={"floor_step": "none"})
         job_file.job = job_file.job.model_copy(update={"path": path})
     name, _, model = case.method.removesuffix(PUSHED).removesuffix(NO_FLOOR).rstrip(")").partition("(")
     looks = name == "fused" or name.startswith("mpc")

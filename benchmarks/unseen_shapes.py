@@ -7,7 +7,7 @@ backing plate that its plan advises. ``isf campaign`` forms what is missing of t
     ./isf python benchmarks/unseen_shapes.py                                # every method, nominal
     ./isf python benchmarks/unseen_shapes.py --methods elastic --variants 101-105 --jobs 2
 
-floor is elastic with passes over the floor (path.floor_step), fused scans after every contour, fused_floor does both. A
+elastic is what the job does by itself, walls the same without passes over the floor, fused scans after every contour. A
 part on shell_coarse takes 2 to 7 minutes of one core. In the rows: wall and base, largest / mean; signed means of base
 and rim; of several variants the median, and the worst behind it.
 """
@@ -55,12 +55,8 @@ SHAPES: dict[str, Callable[[], Part]] = {
 METHODS: dict[str, Any] = {
     "none": "none",
     "elastic": "elastic",
-    "floor": {"name": "elastic, floor_step", "change": {"path": {"floor_step": "1 mm"}}},
+    "walls": {"name": "elastic, walls alone", "change": {"path": {"floor_step": "none"}}},
     "fused": {"name": "fused", "change": {"springback": {"method": "auto", "scan_every": 1}}},
-    "fused_floor": {
-        "name": "fused, floor_step",
-        "change": {"path": {"floor_step": "1 mm"}, "springback": {"method": "auto", "scan_every": 1}},
-    },
 }
 
 JOB = """\

@@ -104,7 +104,8 @@ def test_plan_draws_a_job_and_a_bare_mesh(tmp_path: Path) -> None:
         done = isf("plan", *arguments, "--json", "-o", folder, cwd=tmp_path)
         assert done.returncode == Exit.OK, done.stderr
         data = json.loads(done.stdout)
-        assert data["contours"] == 10
+        assert data["contours"] - data["floor_passes"] == 10
+        assert (data["floor_passes"] > 0) == (folder == "mesh")  # of one tool
         assert data["depth_mm"] == pytest.approx(5.0, abs=0.02)
         assert Path(data["picture"]).stat().st_size > 10_000
         rows = Path(data["table"]).read_text().splitlines()

@@ -8,6 +8,7 @@ import shutil
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import forked_process
 import numpy as np
@@ -22,8 +23,10 @@ from isf_cell.commands.tryout import SetUp, Tryout, _bands, _folder, _set_ups, t
 from isf_cell.options import RunOptions
 from isf_cell.replay.recorded_run import read_run
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.files import yaml_file
 from isf_core.files.job import JobFile, load_job
 from isf_core.types import Array
+from isf_planner import plan
 from isf_springback.estimators import learning
 from quick_cone import FOLDER, quick_cone, quick_cone_file
 
@@ -317,6 +320,65 @@ def test_no_step_is_taken_where_no_probe_gets_through(tmp_path: Path) -> None:
     assert not (tmp_path / "out" / "step_1").exists()
 
 
+LOW_RIG = """based_on: ren2018
+name: low
+park_height: 7.7 mm
+limits: {travel: [125 mm, 125 mm, 8.2 mm]}
+provenance:
+  park_height: "assumed: for this test"
+  limits.travel: "assumed: for this test"
+"""
+
+
+def test_a_probe_whose_contour_is_refused_is_one_failed_part(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With 1 mm more push at its lowest, the cone of 7.5 mm would leave the travel of the rig; the other probes do."""
+    change = {
+        "rig": "low.yaml",
+        "process": "SPIF",
+        "part": {"scale": 1.5},
+        "tool_2": None,
+        "path": {"incremental_depth": "2.6 mm", "point_spacing": "2 mm", "feed": "60 mm/s"}
+        | {"floor_step": "6 mm", "floor_rounds": 1},
+        "control": {"support_force": None, "engage_depth": None},
+        "springback": {"method": "none"},
+    }
+    (tmp_path / "low.yaml").write_text(LOW_RIG, encoding="utf-8")
+    job = quick_cone_file(tmp_path)
+    fields = yaml_file.merged(yaml.safe_load(job.read_text(encoding="utf-8")), change)
+    job.write_text(yaml.safe_dump(fields), encoding="utf-8")
+    try_out(Tryout(job, sheet="fast", steps=1, checks=(), jobs=2), tmp_path / "out", as_json=False)
+    told = " ".join(capsys.readouterr().err.split())
+    summary = summary_of(tmp_path / "out")
+    assert {"first", "probe 1", "probe 2", "probe 3"} < {part["part"] for part in summary["parts"]}  # type: ignore[attr-defined]
+    assert not parts_of(summary, "probe 4")
+    for text in (told, " ".join(summary["prevented_by"])):  # type: ignore[arg-type]
+        assert "probe 4 does not complete on variant 0: contour 3 of mini_cone" in text
+        assert "forming_tip at point 0 (12.7, -0.1, -8.5) mm is outside the travel of the rig" in text
+    kept = read_bag(tmp_path / "out" / "probe_4" / "variant_0")
+    assert [result.completed for result in kept.results] == [True, False], "what was formed before it is kept"
+
+
+def test_its_job_finds_its_files_whatever_they_are_called(tmp_path: Path) -> None:
+    """Those without an ending, too; the part has the name of a file, which it is not."""
+    own = tmp_path / "own"
+    own.mkdir()
+    rows = [f"{x},{y},{z},0.1" for x in (-20, 0, 20) for y in (-20, 0, 20) for z in (-20, 0)]
+    (own / "gauge").write_text("\n".join(["x_mm,y_mm,z_mm,error_mm", *rows]), encoding="utf-8")
+    job = faster(
+        quick_cone_file(own, step="2.5 mm"),
+        ("name: mini_cone", "name: gauge.v1"),
+        ("path:\n", "path:\n  compensation: [machine]\n  machine_error: gauge\n"),
+        ("control:\n", "tolerance: {shape: 9 mm, share: 0.5}\ncontrol:\n"),
+    )
+    shutil.copyfile(own / "gauge", own / "gauge.v1")
+    try_out(Tryout(job, sheet="fast", checks=()), tmp_path / "out", as_json=False)
+    found = load_job(tmp_path / "out" / "job.yaml")
+    assert found.job.name == "gauge.v1"
+    assert any("machine error 0.100 to 0.100 mm" in text for text in plan(found).warnings)
+
+
 def test_a_part_that_no_correction_gets_through_ends_it_with_its_place(tmp_path: Path) -> None:
     """The machine bears less than this sheet takes."""
     job = faster(quick_cone_file(tmp_path), ("thickness: 1.0 mm", "thickness: 3.5 mm"))
@@ -400,19 +462,38 @@ def test_a_sheet_that_nothing_holds_is_tried_over_a_plate(tmp_path: Path, no_pla
     assert "which has to be made" in str(summary["set_up"])
 
 
-def test_a_set_up_that_its_method_cannot_correct_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The plate is so near that it lies under the first contour: the planner lets it be, the model of the sheet not."""
+def coarse_cone_over_plate(tmp_path: Path, **changes: Any) -> Path:
+    """The job ren_cone_plate in steps of 2 mm, with sections as in ``changes``."""
     folder = REN_CONE_PLATE.parent
     job = JobFile(REN_CONE_PLATE.read_text(encoding="utf-8"), folder).changed(
         {
             "part": {"mesh": str(folder.parent / "parts" / "ren_cone.stl")},
             "path": {"incremental_depth": "2 mm", "point_spacing": "2 mm"},
             "control": {"rate": "100 Hz"},
-            "backing_plate": {"size": ["71 mm", "71 mm"]},
-            "tolerance": {"shape": "9 mm", "share": 0.5},
         }
     )
-    (tmp_path / "job.yaml").write_text(job.text, encoding="utf-8")
+    (tmp_path / "job.yaml").write_text(job.changed(changes).text, encoding="utf-8")
+    return tmp_path / "job.yaml"
+
+
+def test_an_uncorrected_first_part_passes_over_the_floor_as_the_parts_that_learn_from_it(tmp_path: Path) -> None:
+    job = coarse_cone_over_plate(tmp_path, springback={"method": "none"})
+    try_out(Tryout(job, sheet="fast", steps=1, checks=()), tmp_path / "out", as_json=False)
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["chosen"] != "first"
+    learned = load_job(tmp_path / "out" / "job.yaml")
+    assert learned.job.springback.method == "learned"
+    assert plan(learned).contours[-1].floor_passes
+    assert not plan(load_job(job)).contours[-1].floor_passes
+
+
+def test_a_set_up_that_its_method_cannot_correct_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The plate is so near that it lies under the first contour: the planner lets it be, the model of the sheet not."""
+    coarse_cone_over_plate(
+        tmp_path,
+        path={"floor_step": "none"},
+        backing_plate={"size": ["71 mm", "71 mm"]},
+        tolerance={"shape": "9 mm", "share": 0.5},
+    )
     try_out(Tryout(tmp_path / "job.yaml", sheet="fast", checks=()), tmp_path / "out", as_json=False)
     told = " ".join(capsys.readouterr().err.split())
     assert "first was not corrected at 11 of 11 contours: contour 1: the contours reach within" in told

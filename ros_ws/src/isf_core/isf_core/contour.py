@@ -6,6 +6,8 @@ the contour before has reached.
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
 
@@ -65,6 +67,7 @@ class Contour:
         support tool is upright (:mod:`isf_core.geometry.tool_axis`)
     retract : both tools are lifted clear and travel above and below the sheet to the first point
     lift_after : both tools are lifted clear after the last point, to park height, before the contour counts as formed
+    floor_passes : the floor that this wall ends in is passed over after it, or this is such a pass
     holder_height : m, blank holder over its starting height while this contour is formed (TPIF), 0 at rest
     """
 
@@ -87,6 +90,7 @@ class Contour:
     closed: bool = True
     retract: bool = False
     lift_after: bool = False
+    floor_passes: bool = False
     holder_height: float = 0.0
     feature: int = 0
     stage: int = 0
@@ -194,6 +198,12 @@ class Contour:
         """(N,) m, distance along the forming tip path from the first point."""
         steps = np.linalg.norm(np.diff(self.forming_tip, axis=0), axis=1)
         return np.concatenate([[0.0], np.cumsum(steps)])
+
+    @property
+    def length(self) -> float:
+        """m, of the whole path of the forming tip, of a closed contour back to its first point."""
+        closing = float(np.linalg.norm(self.forming_tip[0] - self.forming_tip[-1])) if self.closed else 0.0
+        return float(self.arc_length()[-1]) + closing
 
 
 @dataclass(frozen=True)
@@ -304,3 +314,8 @@ def over_floor(contour: Contour, before: Contour | None) -> bool:
         return False
     level = abs(float(contour.forming_tip[:, 2].mean() - before.forming_tip[:, 2].mean()))
     return level <= SAME_LEVEL and makes_floor(contour)
+
+
+def passes_over_floors(contours: Sequence[Contour]) -> list[Contour]:
+    """Those of the planned ``contours``, in order, that pass over a floor which the one before has reached."""
+    return [contour for before, contour in itertools.pairwise(contours) if over_floor(contour, before)]

@@ -69,7 +69,7 @@ class Plan:
     @property
     def path_length(self) -> float:
         """m, of the forming tip along all contours, without the moves between them."""
-        return sum(_length(contour) for contour in self.contours)
+        return sum(contour.length for contour in self.contours)
 
     @property
     def forming_time(self) -> float:
@@ -85,13 +85,8 @@ class Plan:
 def _time(contour: Contour) -> float:
     """s along the contour."""
     if not (contour.tilted and len(contour.speed)):
-        return _length(contour) / contour.feed
+        return contour.length / contour.feed
     order = np.arange(len(contour) + (1 if contour.closed else 0)) % len(contour)
     way = np.linalg.norm(np.diff(contour.forming_tip[order], axis=0), axis=1)
     slow = 1.0 / contour.speed[order]
     return float((0.5 * way * (slow[1:] + slow[:-1])).sum())
-
-
-def _length(contour: Contour) -> float:
-    closing = float(np.linalg.norm(contour.forming_tip[0] - contour.forming_tip[-1])) if contour.closed else 0.0
-    return float(contour.arc_length()[-1]) + closing

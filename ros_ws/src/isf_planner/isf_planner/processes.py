@@ -22,7 +22,7 @@ from typing import Any, ClassVar
 import numpy as np
 from isf_core.contour import Contour
 from isf_core.errors import ErrorCode, IsfError
-from isf_core.files.job import AdsifSpec, Job, JobFile, load_process
+from isf_core.files.job import AdsifSpec, Job, JobFile, floor_step, load_process
 from isf_core.files.rig import Rig
 from isf_core.files.yaml_file import find_named
 from isf_core.types import Array
@@ -148,7 +148,8 @@ class IncrementalForming(FormingProcess):
     ) -> tuple[tuple[Contour, ...], tuple[str, ...]]:
         """As the base class."""
         make = sequencing.make_contours if job_file.job.path.partial_paths else tool_paths.make_contours
-        groups = [make(sides, job_file, plan_id) for sides in (*([side] for side in part.preforms), list(part.sides))]
+        groups = [make([side], job_file, plan_id, preform=True) for side in part.preforms]
+        groups.append(make(list(part.sides), job_file, plan_id))
         return stages.joined([*groups, *[groups[-1]] * job_file.job.path.finishing_passes]), ()
 
 
@@ -231,6 +232,8 @@ def plan_id(job_file: JobFile, path: bytes | None = None) -> str:
     digest.update(json.dumps(_of_rig(job_file.rig, job), sort_keys=True).encode())
     digest.update(job_file.material.model_dump_json(include=OF_MATERIAL).encode())
     digest.update(path or b"")
+    if job.path.floor_step == "auto":  # not in the job's text
+        digest.update(f"{floor_step(job) or ''}".encode())
     named = (job.accuracy_surfaces, job.die.mesh if job.die else None, job.path.machine_error)
     files = [*job_file.sources, *(job_file.base / name for name in named if name is not None)]
     if job.process == "ADSIF":

@@ -124,8 +124,12 @@ def write(mesh: Mesh, path: Path, scale: float = 1e3) -> Path:
     return path
 
 
+NO_PASSES = ", floor_step: none"
+"""In the path of a job of one tool: the contours are those of the walls alone."""
+
+
 def job_for(path: Path, **changes: str) -> JobFile:
-    """DSIF job for a mesh file; ``changes`` replace values of the text below."""
+    """DSIF job for a mesh file, no passes over floors; ``changes`` replace values of the text below."""
     values = {
         "name": "part",
         "unit": "mm",
@@ -148,7 +152,7 @@ def job_for(path: Path, **changes: str) -> JobFile:
         f"tool_1: {{radius: {values['radius']}}}",
         f"wall_angle_limit: {values['limit']}",
         f"path: {{incremental_depth: {values['depth']}, point_spacing: {values['spacing']}, feed: 30 mm/s,",
-        f"  squeeze_factor: {values['squeeze']}}}",
+        f"  squeeze_factor: {values['squeeze']}{NO_PASSES if values['process'] == 'SPIF' else ''}}}",
     ]
     if values["process"] != "SPIF":
         lines.append(f"tool_2: {{radius: {values['radius']}}}")

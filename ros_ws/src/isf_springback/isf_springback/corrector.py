@@ -33,7 +33,14 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_label, makes_floor, over_floor
+from isf_core.contour import (
+    Contour,
+    ContourCorrection,
+    ContourResult,
+    contour_label,
+    makes_floor,
+    over_floor,
+)
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import Job, JobFile
 from isf_core.geometry.height_map import HeightMap
@@ -220,7 +227,7 @@ class Corrector:
         pressed = self._floor.push(contour, None if base is None else base.contour, last)
         asked = last if prediction is None else self._asked(prediction)
         if pressed is None:
-            asked = at_edge(contour, self._job_file, asked, last) if bounds.at_floor else asked
+            asked = at_edge(contour, asked, last) if bounds.at_floor else asked
         elif prediction is None or not bounds.replays_floor:
             asked = pressed
         # lifted tools jump nowhere; a floor may need far less push than the wall before it
@@ -393,10 +400,10 @@ WIDTH = 5
 """mm, places over which an error is read (median)."""
 
 
-def at_edge(contour: Contour, job_file: JobFile, wanted: Array, pushed: Array) -> Array:
+def at_edge(contour: Contour, wanted: Array, pushed: Array) -> Array:
     """(N,) m, push on ``contour`` of ``wanted`` (N,) m: where it reaches a floor that is passed over, no more than
     ``pushed`` (N,) m on the contour before."""
-    if job_file.job.path.floor_step is None or not makes_floor(contour):
+    if not (contour.floor_passes and makes_floor(contour)):
         return wanted
     return np.minimum(wanted, np.maximum(pushed, 0.0))
 

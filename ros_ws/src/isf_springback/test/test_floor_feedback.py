@@ -27,7 +27,7 @@ def floor_contour(index: int, radius: float, level: float = LEVEL, angle: float 
     tip = contour.forming_tip.copy()
     tip[:, :2] *= radius / np.hypot(*tip[0, :2])
     tip[:, 2] = level
-    return replace(contour, forming_tip=tip, contact=tip, wall_angle=np.full(len(tip), angle))
+    return replace(contour, forming_tip=tip, contact=tip, wall_angle=np.full(len(tip), angle), floor_passes=True)
 
 
 EDGE = floor_contour(0, 25e-3)
@@ -126,8 +126,7 @@ def test_a_method_that_replays_a_part_replays_its_passes_over_the_floor(
     place = np.concatenate([contour.contact[:, :2] for contour in contours])
     known = Learned("cone", 3, 1, index, place, push, push, none, none, np.zeros((0, 4)), np.zeros(0), np.zeros((1, 2)))
     save(known, tmp_path / "known.npz")
-    text = JOB_TEXT.replace("path: {", "path: {floor_step: 5 mm, ")
-    job_file = JobFile(text.replace("method: analytic", f"method: {method}, learning: known.npz"), tmp_path)
+    job_file = JobFile(JOB_TEXT.replace("method: analytic", f"method: {method}, learning: known.npz"), tmp_path)
     corrector = make_corrector(method, job_file)
     corrections = [corrector.correct(contour) for contour in contours]
     assert [formed.code for formed in corrections] == ([0] * 3 if method == "learned" else [0, 1302, 1302])
@@ -169,12 +168,10 @@ def test_what_passes_over_a_floor() -> None:
 
 def test_the_contour_that_reaches_the_floor_is_pressed_no_more_than_the_wall() -> None:
     wanted, before = np.full(len(EDGE), 1.4e-3), np.full(len(EDGE), WALL_PUSH)
-    plain = JobFile(JOB_TEXT, Path("."))
-    passes = JobFile(JOB_TEXT.replace("path: {", "path: {floor_step: 5 mm, "), Path("."))
-    assert at_edge(EDGE, plain, wanted, before) == pytest.approx(wanted)
-    assert at_edge(EDGE, passes, wanted, before) == pytest.approx(before)
+    assert at_edge(replace(EDGE, floor_passes=False), wanted, before) == pytest.approx(wanted)
+    assert at_edge(EDGE, wanted, before) == pytest.approx(before)
     wall = floor_contour(0, 25e-3, angle=np.radians(30.0))
-    assert at_edge(wall, passes, wanted, before) == pytest.approx(wanted)
+    assert at_edge(wall, wanted, before) == pytest.approx(wanted)
 
 
 def test_pockets_whose_passes_alternate_are_pressed_each_as_its_own_passes_before() -> None:
@@ -185,8 +182,7 @@ def test_pockets_whose_passes_alternate_are_pressed_each_as_its_own_passes_befor
             ring = floor_contour(len(contours), radius, level, np.radians(angle)).shifted(feature * aside)
             expected = np.full(len(ring), force)
             contours.append(replace(ring, feature=feature, retract=True, count=12, predicted_force=expected))
-    text = JOB_TEXT.replace("path: {", "path: {floor_step: 5 mm, ")
-    corrector = make_corrector("analytic", JobFile(text, Path(".")))
+    corrector = make_corrector("analytic", JobFile(JOB_TEXT, Path(".")))
     pushes = [-corrector.correct(contour).offset[:, 2] for contour in contours]
     for feature in (0, 1):
         wall, edge, *passes = pushes[feature::2]

@@ -6,11 +6,10 @@ The only place where results change from SI to the units people read: mm, N, s, 
 from __future__ import annotations
 
 import math
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from isf_core.contour import over_floor
+from isf_core.contour import passes_over_floors
 from isf_core.events import torn
 from isf_core.files.job import ToleranceSpec
 
@@ -110,7 +109,7 @@ def _part(record: PartRecord, deviation: Deviation | None, tolerance: ToleranceS
         "torn": torn(record.events) is not None,
         "contours": record.formed,
         "contours_planned": record.planned,
-        "floor_passes": sum(over_floor(contour, before) for before, contour in pairwise(record.nominal)),
+        "floor_passes": len(passes_over_floors(record.nominal)),
         "tolerance": {"shape_mm": MM * tolerance.shape, "share": tolerance.share},
         "deviation": None if deviation is None else _deviation(deviation, tolerance.shape),
         "sheet_thickness": sheet_thickness(record, deviation),

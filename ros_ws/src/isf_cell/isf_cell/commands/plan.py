@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from isf_core.contour import Contour
+from isf_core.contour import Contour, passes_over_floors
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import Job, JobFile, load_job
 from isf_core.files.rig import Rig
@@ -84,7 +84,7 @@ def plan_part(part: Path, unit: str | None, output: Path | None, wanted: Wanted,
     if as_json:
         terminal.print_json(data)
     terminal.console.print(
-        f"{data['contours']} contours, {data['points']} points, path {data['path_m']:.2f} m, "
+        f"{data['contours']} contours, {data['points']} points, {_path_text(data)}, "
         f"{data['time_s'] / 60:.1f} min at feed; wall angle up to {data['max_wall_angle_deg']:.1f} deg, "
         f"thinnest {data['min_thickness_mm']:.2f} mm"
     )
@@ -331,11 +331,14 @@ def _numbers(result: Plan) -> dict[str, Any]:
         }
         for stage in result.stages
     ]
+    over = passes_over_floors(contours)
     return {
         "plan_id": result.plan_id,
         "contours": len(contours),
         "points": int(sum(len(contour) for contour in contours)),
+        "floor_passes": len(over),
         "path_m": result.path_length,
+        "floor_path_m": sum(contour.length for contour in over),
         "time_s": result.forming_time,
         "max_wall_angle_deg": float(np.degrees(result.largest_wall_angle)),
         "min_thickness_mm": 1e3 * result.smallest_thickness,
@@ -343,6 +346,14 @@ def _numbers(result: Plan) -> dict[str, Any]:
         "stages": stages,
         "partial_paths": _partial(result),
     }
+
+
+def _path_text(data: dict[str, Any]) -> str:
+    """Length of the path, and how much of it is on the floors."""
+    text = f"path {data['path_m']:.2f} m"
+    if passes := data["floor_passes"]:
+        text += f", {data['floor_path_m']:.2f} of it in {passes} passes over floors"
+    return text
 
 
 def _partial(result: Plan) -> dict[str, int] | None:

@@ -41,7 +41,7 @@ from isf_core.contour import Contour, Process
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.events import torn
 from isf_core.files import yaml_file
-from isf_core.files.job import JobFile, correction_refusal, load_job
+from isf_core.files.job import Job, JobFile, correction_refusal, floor_rounds, floor_step, load_job
 from isf_core.simulated_sheet import FORCE_TOO_HIGH, SEALED_VARIANTS, SheetKind, check_sheet
 from isf_core.types import Array
 from isf_planner import planning
@@ -106,6 +106,23 @@ LEARNED = "learned"
 
 STATE = "tryout.json"
 """What a folder was begun for."""
+
+FILES = frozenset(
+    {
+        "part.mesh",
+        "part.accuracy_surfaces",
+        "die.mesh",
+        "path.program",
+        "path.set_up",
+        "path.machine_error",
+        "springback.learning",
+        "springback.elastic.database",
+    }
+)
+"""Fields of a job that hold the name of a file, whatever it is called."""
+
+FILES_OR_NAMES = frozenset({"rig", "sheet.material", "adsif.surface"})
+"""Fields that hold the name of a file, or one from the library."""
 
 
 @dataclass(frozen=True)
@@ -335,21 +352,27 @@ class Search:
     def form(
         self, wanted: Sequence[tuple[str, Path | None]], variants: Sequence[int], scans: Scans = "none"
     ) -> list[Tried]:
-        """Parts of the names and plans ``wanted``, on each of ``variants``; ``scans`` of those with a plan."""
+        """Parts of the names and plans ``wanted``, on each of ``variants``; ``scans`` of those with a plan.
+
+        Raises IsfError what the job is refused for, as long as no part was formed in this set-up.
+        """
         jobs = [_tried(self.job_file, plan, self.correction, scans) for _, plan in wanted]
+        accepted = any(part.trials for part in self.parts if part.set_up == self.set_up.name)
         tasks = [
             _Task(job.text, job.base, job.job.name, self.wanted.sheet, variant, self.wanted.seed,
-                  self.folder / name.replace(" ", "_") / f"variant_{variant}", name)
+                  self.folder / name.replace(" ", "_") / f"variant_{variant}", name, accepted)
             for job, (name, _) in zip(jobs, wanted, strict=True)
             for variant in variants
         ]  # fmt: skip
-        _form_all([task for task in tasks if not task.bag.exists()], self.wanted.jobs)
+        ended = _form_all([task for task in tasks if not task.bag.exists()], self.wanted.jobs)
         found = []
         for name, plan in wanted:
             trials: list[Trial] = []
             failures: list[IsfError] = []
             for task in tasks:
-                if task.name == name:
+                if task.name == name and task in ended:
+                    failures.append(_incomplete(task, ended[task], ended[task].where))
+                elif task.name == name:
                     record = read_bag(task.bag)
                     if (failure := _failure(task, record)) is not None:
                         failures.append(failure)
@@ -609,7 +632,7 @@ def _tried(
 ) -> JobFile:
     """``job_file`` with what was learned in ``plan`` and ``scans``, or with method ``correction`` before there is a
     plan; its text names files by absolute paths."""
-    data = _absolute(yaml_file.content(job_file.text, job_file.job.name), job_file.base)
+    data = _absolute(yaml_file.content(job_file.text, job_file.job.name), job_file.base, "")
     if plan is not None:
         data["springback"] = {**data.get("springback", {}), "method": LEARNED, "learning": str(plan)}
         if scans == "none":
@@ -618,25 +641,36 @@ def _tried(
             data["springback"]["scan_sensor"] = False
     elif correction is not None:
         data["springback"] = {**data.get("springback", {}), "method": correction}
+    if plan is None and (correction or job_file.job.springback.method) == "none":
+        data["path"] |= _path_when_corrected(job_file.job)
     if job_file.job.control.rate > rate:
         data["control"] = {**data.get("control", {}), "rate": f"{rate:g} Hz"}
     return JobFile(yaml.safe_dump(data, sort_keys=False), job_file.base, job_file.job.name)
 
 
-def _absolute(value: Any, base: Path) -> Any:
-    """``value`` with the names of files in it, relative to ``base``, made absolute."""
+def _path_when_corrected(job: Job) -> dict[str, Any]:
+    """Fields of the path that a correction adds: what is formed without one teaches the parts that have it."""
+    if job.path.floor_step != "auto":
+        return {}
+    corrected = job.model_copy(update={"springback": job.springback.model_copy(update={"method": LEARNED})})
+    step = floor_step(corrected)
+    return {} if step is None else {"floor_step": f"{1e3 * step:g} mm", "floor_rounds": floor_rounds(corrected)}
+
+
+def _absolute(value: Any, base: Path, field: str) -> Any:
+    """``value`` of the ``field`` with the names of files in it, relative to ``base``, made absolute."""
     if isinstance(value, dict):
-        return {key: _absolute(item, base) for key, item in value.items()}
-    if isinstance(value, list):
-        return [_absolute(item, base) for item in value]
-    if isinstance(value, str) and Path(value).suffix and (base / value).is_file():
-        return str((base / value).resolve())
-    return value
+        return {key: _absolute(item, base, f"{field}.{key}".lstrip(".")) for key, item in value.items()}
+    if not isinstance(value, str):
+        return value
+    named = field in FILES or (field in FILES_OR_NAMES and yaml_file.is_path(value))
+    return str((base / value).resolve()) if named else value
 
 
 @dataclass(frozen=True)
 class _Task:
-    """One part to form: text and base of its job, where its bag goes."""
+    """One part to form: text and base of its job, where its bag goes; ``accepted``: its job is known to be formable,
+    so that what is raised is the end of this part and no refusal of all."""
 
     text: str
     base: Path
@@ -646,28 +680,40 @@ class _Task:
     seed: int
     bag: Path
     name: str
+    accepted: bool
 
 
-def _form_all(tasks: list[_Task], jobs: int) -> None:
+def _form_all(tasks: list[_Task], jobs: int) -> dict[_Task, IsfError]:
+    """Form all parts; those that have no bag, and why."""
+    ended: dict[_Task, IsfError | None] = {}
     if jobs > 1 and len(tasks) > 1:
-        for task, _ in formed_beside(_form, tasks, jobs):
-            terminal.say(f"  {task.name}, variant {task.variant}: formed")
-        return
-    for task in tasks:
-        with terminal.part_progress(f"{task.name}, variant {task.variant}") as progress:
-            _form(task, progress)
+        for task, error in formed_beside(_form, tasks, jobs):
+            ended[task] = error
+            if error is None:
+                terminal.say(f"  {task.name}, variant {task.variant}: formed")
+    else:
+        for task in tasks:
+            with terminal.part_progress(f"{task.name}, variant {task.variant}") as progress:
+                ended[task] = _form(task, progress)
+    return {task: error for task, error in ended.items() if error is not None}
 
 
-def _form(task: _Task, progress: terminal.PartProgress | None = None) -> None:
-    """One part; its bag appears when it is whole."""
+def _form(task: _Task, progress: terminal.PartProgress | None = None) -> IsfError | None:
+    """One part; its bag appears when it is whole. Returns why an accepted part has none."""
     options = RunOptions(variant=task.variant, seed=task.seed, sheet=task.sheet)
     job_file = JobFile(task.text, task.base, task.job)
-    record = in_process.form(job_file, options, progress=progress.contour if progress else None)
+    try:
+        record = in_process.form(job_file, options, progress=progress.contour if progress else None)
+    except IsfError as error:
+        if not task.accepted:
+            raise
+        return error
     part = task.bag.with_suffix(".part")
     shutil.rmtree(part, ignore_errors=True)
     part.parent.mkdir(parents=True, exist_ok=True)
     write_bag(record, part)
     part.rename(task.bag)
+    return None
 
 
 def _failure(task: _Task, record: PartRecord) -> IsfError | None:
@@ -677,12 +723,13 @@ def _failure(task: _Task, record: PartRecord) -> IsfError | None:
         failure = IsfError(ErrorCode.SHEET_MODEL_FAILED, "it has no scan", advice="try smaller cells: --sheet shell")
     if failure is None:
         return None
-    return IsfError(
-        failure.code,
-        f"{task.name} does not complete on variant {task.variant}: {failure.what}",
-        where=str(task.bag),
-        advice=failure.advice or f"isf report {task.bag} shows it",
-    )
+    return _incomplete(task, failure, str(task.bag), f"isf report {task.bag} shows it")
+
+
+def _incomplete(task: _Task, failure: IsfError, where: str, advice: str = "") -> IsfError:
+    """``failure`` of a part, told with its name; ``advice`` where it has none."""
+    what = f"{task.name} does not complete on variant {task.variant}: {failure.what}"
+    return IsfError(failure.code, what, where=where, advice=failure.advice or advice)
 
 
 def _prevented(search: Search, check: Tried) -> list[str]:

@@ -155,12 +155,12 @@ class InProcessCell:
         if self._change is not None and index == self._change.first_index:
             self._apply(self._change)
         nominal = self.part_plan.contours[index]
-        correction = self._corrector.correct(nominal)
-        if self._successor is not None:
-            same = self._successor.name == self._corrector.name
-            self._successor.follow(nominal, correction, predict=same)
-        corrected = apply(nominal, correction, support_stays=self._corrector.support_stays)
-        self._controller.start(corrected)
+        try:
+            correction, corrected = self._start(nominal)
+        except IsfError as refusal:
+            if self.results:
+                self._end(refusal.code, refusal.message)
+            raise
         self._run()
         result = self._controller.take_result()
         if result is None:
@@ -177,6 +177,20 @@ class InProcessCell:
         self.corrections.append(correction)
         self.results.append(result)
         return FormedContour(nominal, correction, result)
+
+    def _start(self, nominal: Contour) -> tuple[ContourCorrection, Contour]:
+        """Begin the next contour, corrected; raises IsfError where correction or force control refuse it."""
+        correction = self._corrector.correct(nominal)
+        if self._successor is not None:
+            same = self._successor.name == self._corrector.name
+            self._successor.follow(nominal, correction, predict=same)
+        corrected = apply(nominal, correction, support_stays=self._corrector.support_stays)
+        self._controller.start(corrected)
+        return correction, corrected
+
+    def _end(self, code: ErrorCode, text: str) -> None:
+        """The part ends between two contours, which the result of the last one tells."""
+        self.results[-1] = replace(self.results[-1], completed=False, code=int(code), message=text)
 
     def lift(self, formed: FormedContour) -> None:
         """As in the protocol."""
@@ -233,7 +247,7 @@ class InProcessCell:
         """A fault between two contours is told by the result of the one before."""
         if self._controller.fault is not None:
             code, text = self._controller.fault
-            self.results[-1] = replace(self.results[-1], completed=False, code=int(code), message=text)
+            self._end(code, text)
             raise IsfError(code, text)
 
     def torn(self) -> IsfError | None:

@@ -185,10 +185,13 @@ class PathSpec(FileModel):
     partial_paths: bool = False
     """SPIF and DSIF: a path for every feature of the surface, with levels of its own under spacing scallop or arc; all
     are merged by depth and start away from ribs."""
-    floor_step: Length | None = Field(default=None, gt=0.2e-3, lt=0.1)
-    """SPIF and DSIF: distance of the rings in which the tool passes over a flat floor after the wall; None: none."""
-    floor_rounds: int = Field(default=3, ge=1, le=10)
-    """How often the floor is passed over, inwards and outwards in turn."""
+    floor_step: Literal["auto", "none"] | Annotated[Length, Field(gt=0.2e-3, lt=0.1)] = "auto"
+    """SPIF and DSIF: distance of the rings in which the tool passes over a flat floor after the wall; none: no passes.
+    auto: with one tool (SPIF) and a springback correction 0.4 of the radius of its ball, after the part itself, not
+    after its preforms; none in all other cases."""
+    floor_rounds: Literal["auto"] | Annotated[int, Field(ge=1, le=10)] = "auto"
+    """How often the floor is passed over, inwards and outwards in turn; auto: once with `floor_step` auto, else 3
+    times."""
     thickness: Literal["sine_law", "overlap"] = "sine_law"
     """How the formed thickness is predicted that the support tool's gap follows."""
 
@@ -270,7 +273,7 @@ class PathSpec(FileModel):
             "smallest_step": (self.spacing != "depth", "spacing scallop or arc"),
             "largest_step": (self.spacing != "depth", "spacing scallop or arc"),
             "ramp_length": (self.transition == "ramp", "transition ramp"),
-            "floor_rounds": (self.floor_step is not None, "floor_step"),
+            "floor_rounds": (self.floor_step != "none", "floor_step"),
             "sheet_term": ("sheet" in self.compensation, "compensation sheet"),
             "sheet_gain": ("sheet" in self.compensation, "compensation sheet"),
             "machine_error": ("machine" in self.compensation, "compensation machine"),
@@ -300,7 +303,7 @@ class PathSpec(FileModel):
             return f"path.finishing_passes needs process SPIF or DSIF: {process} forms in one pass"
         if self.partial_paths:
             return f"path.partial_paths needs process SPIF or DSIF: {process} has no passes over single features"
-        if self.floor_step is not None:
+        if self.floor_step not in ("auto", "none"):
             return f"path.floor_step needs process SPIF or DSIF: {process} forms no floor of its own"
         if self.thickness != "sine_law":
             return f"path.thickness {self.thickness} needs process SPIF or DSIF: {process} is planned by the sine law"
@@ -620,6 +623,9 @@ class ToleranceSpec(FileModel):
     """Of the points of wall and base that must be good; 1: all of them. The default is that of Lu 2016, 4.4."""
 
 
+FLOOR_STEP = 0.4
+"""Distance of the passes over a floor over the radius of the tool's ball, where the job leaves it open."""
+
 LIFT_EVERY = 4
 """Contours between two tool lifts where the job leaves it open: without scans, lifts are all that tells how far a sheet
 springs back (docs/results/index.md has what a part gains)."""
@@ -647,6 +653,24 @@ def lift_interval(job: Job, method: str | None = None) -> int:
         return every
     fits = job.process in ("SPIF", "DSIF") and job.path.style == "contours"
     return LIFT_EVERY if fits and springback_method(job, method) == "elastic" else 0
+
+
+def floor_step(job: Job, *, preform: bool = False) -> float | None:
+    """m, distance of the rings in which the tool passes over the floors of the part, or of a ``preform``; None: it does
+    not."""
+    step = job.path.floor_step
+    if step != "auto":
+        return None if step == "none" else step
+    wanted = job.process == "SPIF" and job.path.program is None and job.springback.method != "none"
+    return FLOOR_STEP * job.tool_1.ball_radius if wanted and not preform else None
+
+
+def floor_rounds(job: Job) -> int:
+    """How often the tool passes over a floor, where it does."""
+    rounds = job.path.floor_rounds
+    if rounds != "auto":
+        return rounds
+    return 1 if job.path.floor_step == "auto" else 3
 
 
 def correction_refusal(process: str, method: str) -> str:
@@ -761,6 +785,8 @@ class Job(FileModel):
     def _path_of_process(self) -> Job:
         if problem := self.path.without_effect(self.process):
             raise ValueError(problem)
+        if "floor_rounds" in self.path.model_fields_set and floor_step(self) is None:
+            raise ValueError("path.floor_rounds has no effect without floor_step, which auto leaves out here")
         if self.accuracy_surfaces is not None and self.process not in ("SPIF", "DSIF"):
             raise ValueError(f"part.accuracy_surfaces needs process SPIF or DSIF: nothing is learned of {self.process}")
         if self.path.support == "on_blank" and self.control.force_controlled:

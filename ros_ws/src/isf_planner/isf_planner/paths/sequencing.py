@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from isf_core.contour import Contour
-from isf_core.files.job import Job, JobFile
+from isf_core.files.job import Job, JobFile, floor_step
 from isf_core.types import Array
 
 from isf_planner.forming.sides import Side, first_number, swapped
@@ -43,8 +43,10 @@ class Piece:
     retract: bool
 
 
-def make_contours(sides: Sequence[Side], job_file: JobFile, plan_id: str) -> tuple[Contour, ...]:
-    """Contours of the partial paths of all sides, in order.
+def make_contours(
+    sides: Sequence[Side], job_file: JobFile, plan_id: str, *, preform: bool = False
+) -> tuple[Contour, ...]:
+    """Contours of the partial paths of all sides, in order, of a part or of the ``preform`` of one.
 
     Raises
     ------
@@ -54,7 +56,7 @@ def make_contours(sides: Sequence[Side], job_file: JobFile, plan_id: str) -> tup
     pieces = [
         (side, piece, first_number(sides, index) + piece.path.feature)
         for index, side in enumerate(sides)
-        for piece in sequenced(side, swapped(job, side.forming_tool))
+        for piece in sequenced(side, swapped(job, side.forming_tool), floor_step(job, preform=preform))
     ]
     contours: list[Contour] = []
     for side, piece, number in pieces:
@@ -64,12 +66,13 @@ def make_contours(sides: Sequence[Side], job_file: JobFile, plan_id: str) -> tup
             limit = job.path.acceleration or STOPPING
             made = replace(made, speed=contour_making.speeds(made.forming_tip, False, made.feed, limit))
         contours.append(replace(made, retract=piece.retract and bool(contours)))
-    contours = tool_paths.with_lifts(contours, job)
+    contours = tool_paths.with_floor_passes(contours)
     return tuple(contour_making.with_speed(contours, [False] * len(contours), job.path.acceleration))
 
 
-def sequenced(side: Side, job: Job) -> list[Piece]:
-    """All passes of a ``side`` in the order of forming; ``job`` with the forming tool as tool_1."""
+def sequenced(side: Side, job: Job, over_floor: float | None = None) -> list[Piece]:
+    """All passes of a ``side`` in the order of forming; ``job`` with the forming tool as tool_1, ``over_floor`` m from
+    pass to pass over a floor, None: there are none."""
     partial, tree = side.partial, side.tree
     assert partial is not None  # made with the loops of a job that asks for it
     radius = job.tool_1.ball_radius
@@ -90,7 +93,7 @@ def sequenced(side: Side, job: Job) -> list[Piece]:
         retract = tool is None or not follows or both_open or not steps_down(side.surface, tool, path.points[0], radius)
         pieces.append(Piece(path, retract))
         if one.loop == feature.loops[-1] and one.closed and not loop.island and not tree.children(feature.number):
-            pieces += [Piece(ring, False) for ring in tool_paths.floor_paths(side.surface, path, job)]
+            pieces += [Piece(ring, False) for ring in tool_paths.floor_paths(side.surface, path, job, over_floor)]
         last = pieces[-1].path
         before = loop.feature
         tool = ends[loop.feature] = last.points[0 if last.closed else -1]

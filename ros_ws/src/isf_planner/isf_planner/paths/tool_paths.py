@@ -22,8 +22,8 @@ from dataclasses import replace
 
 import numpy as np
 import shapely
-from isf_core.contour import Contour, over_floor
-from isf_core.files.job import Job, JobFile
+from isf_core.contour import Contour, over_floor, passes_over_floors
+from isf_core.files.job import Job, JobFile, floor_rounds, floor_step
 from isf_core.process import thickness_and_tips
 from isf_core.types import Array
 from scipy.spatial import KDTree
@@ -40,7 +40,9 @@ from isf_planner.surface import tip_surface
 from isf_planner.surface.target_surface import TargetSurface
 
 
-def make_contours(sides: Sequence[Side], job_file: JobFile, plan_id: str) -> tuple[Contour, ...]:
+def make_contours(
+    sides: Sequence[Side], job_file: JobFile, plan_id: str, *, preform: bool = False
+) -> tuple[Contour, ...]:
     """Contours of all loops, upper tool first.
 
     Parameters
@@ -48,6 +50,7 @@ def make_contours(sides: Sequence[Side], job_file: JobFile, plan_id: str) -> tup
     sides : loops, features and sampled target as the forming tool of each side sees them
     job_file : the job with its rig and material
     plan_id : of the plan
+    preform : the part is formed from this shape in a further stage
 
     Raises
     ------
@@ -61,10 +64,11 @@ def make_contours(sides: Sequence[Side], job_file: JobFile, plan_id: str) -> tup
         if feature.loops
     ]
     groups = [feature_paths(chain, side, job) for side, *_, chain in chains]
+    step = floor_step(job, preform=preform)
     walls = [len(paths) for paths in groups]
     for (side, feature, *_), paths in zip(chains, groups, strict=True):
         if not feature.island and not side.tree.children(feature.number):
-            over = floor_paths(side.surface, paths[-1], swapped(job, side.forming_tool))
+            over = floor_paths(side.surface, paths[-1], swapped(job, side.forming_tool), step)
             paths += [_staggered(path, k * job.path.stagger) for k, path in enumerate(over, 1)]
     count = sum(len(paths) for paths in groups)
     contours: list[Contour] = []
@@ -83,7 +87,7 @@ def make_contours(sides: Sequence[Side], job_file: JobFile, plan_id: str) -> tup
                 first = contour.support_tip
             contours.append(replace(contour, retract=k == 0 and bool(contours)))
             joins.append(path.joins)
-    return tuple(contour_making.with_speed(with_lifts(contours, job), joins, job.path.acceleration))
+    return tuple(contour_making.with_speed(with_floor_passes(contours), joins, job.path.acceleration))
 
 
 def feature_paths(chain: Sequence[TipLoop], side: Side, job: Job) -> list[TipPath]:
@@ -127,7 +131,7 @@ SMALLEST = 0.5
 """Floor steps: radius of the circle as large as the smallest ring."""
 
 
-def floor_paths(surface: TargetSurface, wall: TipPath, job: Job) -> list[TipPath]:
+def floor_paths(surface: TargetSurface, wall: TipPath, job: Job, step: float | None) -> list[TipPath]:
     """Rings over the floor inside the last path of a feature, in the order of forming; none where it is not flat.
 
     Inwards every ring is followed by all that lie in it before its neighbours are, outwards it follows them.
@@ -136,8 +140,8 @@ def floor_paths(surface: TargetSurface, wall: TipPath, job: Job) -> list[TipPath
     ----------
     surface : the sampled target as the forming tool sees it ; wall : the last path, as the tool sees it
     job : with the forming tool as tool_1
+    step : m, distance of the rings; None: none are wanted
     """
-    step = job.path.floor_step
     if step is None:
         return []
     level = float(wall.points[:, 2].min())  # where a ramp ends
@@ -161,13 +165,16 @@ def floor_paths(surface: TargetSurface, wall: TipPath, job: Job) -> list[TipPath
         waiting += [(place, near) for place in inner.get((number, part), [])[::-1]]
     if not all(_flat(surface, path, level, job.tool_1.ball_radius) for path in passes):
         return []
-    return [path for turn in range(job.path.floor_rounds) for path in (passes if turn % 2 == 0 else passes[::-1])]
+    return [path for turn in range(floor_rounds(job)) for path in (passes if turn % 2 == 0 else passes[::-1])]
 
 
-def with_lifts(contours: Sequence[Contour], job: Job) -> list[Contour]:
-    """``contours``, the tools lifted before a pass over a floor that straight on is reached only through its wall."""
-    if job.path.floor_step is None:
+def with_floor_passes(contours: Sequence[Contour]) -> list[Contour]:
+    """``contours`` of one stage, told apart by whether their floor is passed over; the tools are lifted before a pass
+    that straight on is reached only through its wall."""
+    passed = {(contour.feature, contour.forming_tool) for contour in passes_over_floors(contours)}
+    if not passed:
         return list(contours)
+    contours = [replace(one, floor_passes=(one.feature, one.forming_tool) in passed) for one in contours]
     found, wall = list(contours[:1]), contours[0]
     room: shapely.Geometry | None = None
     for before, contour in itertools.pairwise(contours):
@@ -184,12 +191,11 @@ def with_lifts(contours: Sequence[Contour], job: Job) -> list[Contour]:
 
 def left_out(contours: Sequence[Contour], job: Job) -> tuple[str, ...]:
     """Warning when passes are asked for and no floor gets any."""
-    if job.path.floor_step is None:
-        return ()
-    if any(over_floor(contour, before) for before, contour in itertools.pairwise(contours)):
+    step = job.path.floor_step
+    if isinstance(step, str) or passes_over_floors(contours):
         return ()
     return (
-        f"path.floor_step {1e3 * job.path.floor_step:g} mm: no floor is passed over; it has to be flat, empty and more "
+        f"path.floor_step {1e3 * step:g} mm: no floor is passed over; it has to be flat, empty and more "
         "than one step wide inside the last contour",
     )
 

@@ -112,7 +112,7 @@ def test_what_we_export_is_read_back_to_the_same_tips(name: str, tmp_path: Path)
 
 def without_floor(path: Path) -> str:
     """Text of the job at ``path`` without passes over the floor, which are plane loops: no wall is known by them."""
-    return re.sub(r"  floor_step:.*\n", "", path.read_text(encoding="utf-8"))
+    return re.sub(r"  floor_step:.*\n", "  floor_step: none\n", path.read_text(encoding="utf-8"))
 
 
 def test_contours_of_an_exported_plan_come_back(tmp_path: Path) -> None:

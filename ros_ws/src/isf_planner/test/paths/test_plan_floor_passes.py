@@ -22,13 +22,15 @@ from isf_planner.part_library import catalogue
 from isf_planner.part_library.part_mesh import part_mesh
 from isf_planner.surface import tip_surface
 from isf_planner.surface.target_surface import fine_surface
-from planner_parts import Cone, grid_mesh, job_for, revolve, write
+from planner_parts import NO_PASSES, Cone, grid_mesh, job_for, revolve, write
 
 STEP = 3e-3
 
 
 def with_floor(job_file: JobFile, options: str) -> JobFile:
-    return JobFile(job_file.text.replace("path: {", f"path: {{{options}, ", 1), job_file.base)
+    """The job with ``options`` of its path; empty: what it does by itself."""
+    text = job_file.text.replace(NO_PASSES, "")
+    return JobFile(text.replace("path: {", f"path: {{{options}, ", 1) if options else text, job_file.base)
 
 
 def radii(contours: tuple[Contour, ...]) -> list[float]:
@@ -108,8 +110,60 @@ def test_a_floor_that_holds_an_island_is_left_alone(tmp_path: Path) -> None:
 
 def test_rounds_without_a_step_and_a_process_without_floors_are_refused(tmp_path: Path) -> None:
     job_file = job_for(write(Cone().mesh(), tmp_path / "cone.ply"))
-    with pytest.raises(IsfError, match="floor_rounds has no effect without floor_step"):
-        plan(with_floor(job_file, "floor_rounds: 3"))
+    for options in ("floor_rounds: 3", "floor_step: none, floor_rounds: 3"):
+        with pytest.raises(IsfError, match="floor_rounds has no effect without floor_step"):
+            plan(with_floor(job_file, options))
+
+
+@pytest.mark.parametrize(
+    ("process", "more", "step"),
+    [
+        ("SPIF", "", 2e-3),
+        ("SPIF", "springback: {method: fused}", 2e-3),
+        ("SPIF", "springback: {method: none}", None),
+        ("DSIF", "", None),
+    ],
+)
+def test_one_tool_passes_over_the_floor_of_a_part_that_is_corrected(
+    process: str, more: str, step: float | None, tmp_path: Path
+) -> None:
+    """Of a ball of 5 mm; uncorrected, and with a second tool, the plan is that of the walls."""
+    job_file = job_for(write(Cone().mesh(), tmp_path / "cone.ply"), process=process, depth="1 mm")
+    wall = plan(job_file).contours
+    assert not any(contour.floor_passes for contour in wall)
+    by_itself = with_floor(job_file, "")
+    whole = plan(JobFile(f"{by_itself.text}\n{more}", by_itself.base)).contours
+    if step is None:
+        assert len(whole) == len(wall)
+        assert not any(contour.floor_passes for contour in whole)
+        return
+    assert radii(whole[len(wall) : len(wall) + 2]) == pytest.approx(
+        [radii(wall)[-1] - step, radii(wall)[-1] - 2.0 * step], abs=30e-6
+    )
+    assert all(contour.floor_passes for contour in whole)
+
+
+def test_preforms_have_passes_where_the_job_says_so_alone(tmp_path: Path) -> None:
+    job_file = job_for(write(Cone().mesh(), tmp_path / "cone.ply"), process="SPIF", depth="1 mm")
+    stages = "stages: [30 deg]"
+    by_itself, asked = (plan(with_floor(job_file, f"{stages}{step}")).contours for step in ("", ", floor_step: 2 mm"))
+    assert {contour.stage for contour in by_itself if contour.floor_passes} == {1}
+    assert {contour.stage for contour in asked if contour.floor_passes} == {0, 1}
+    assert not plan(with_floor(job_file, f"{stages}, floor_step: none")).contours[-1].floor_passes
+
+
+def test_a_pocket_without_a_flat_floor_has_no_passes_beside_one_that_has_them(tmp_path: Path) -> None:
+    """Corrections go by what the plan passes over, floor by floor."""
+    x, y = np.linspace(-70e-3, 70e-3, 281), np.linspace(-40e-3, 40e-3, 161)
+    gx, gy = np.meshgrid(x, y)
+    flat = np.clip(np.hypot(gx + 35e-3, gy) - 25e-3, -8e-3, 0.0)
+    bowl = np.minimum(np.hypot(gx - 35e-3, gy) ** 2 / 60e-3 - 9e-3, 0.0)
+    job_file = job_for(write(grid_mesh(x, y, flat + bowl), tmp_path / "two.ply"), process="SPIF", depth="1 mm")
+    contours = plan(with_floor(job_file, "")).contours
+    passed = {contour.feature: contour.floor_passes for contour in contours}
+    assert sorted(passed.values()) == [False, True]
+    assert all(contour.floor_passes == passed[contour.feature] for contour in contours)
+    assert any(over_floor(one, before) for before, one in pairwise(contours))
 
 
 def u_pocket(depth: float = 6e-3) -> Mesh:

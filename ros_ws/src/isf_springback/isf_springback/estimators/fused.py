@@ -266,7 +266,7 @@ class FusedEstimator(Estimator):
         if not now.steps:
             return
         contour, began = current.contour, history.scans.began
-        found = shape_remarks(shape, target, float(contour.forming_tip[:, 2].min()), self.job_file, began)
+        found = shape_remarks(shape, target, contour, self.job_file, began)
         if current.over_floor:
             now.remarks = (*shape.remarks, *found)
             return
@@ -347,7 +347,7 @@ class FusedEstimator(Estimator):
         moving = self._moving(self._now, samples.contact[:, :2])
         target = history.scans.target
         unseen = self._now.bottom is None and history.scans.began is not None
-        if target is None or unseen or self.job_file.job.path.floor_step is not None:
+        if target is None or unseen or contour.floor_passes:
             share = np.zeros(len(contour))  # passes over the floor make it, or the stage before has made it
         else:
             share = floor_share(contour, _floor(self._now, contour, target), self._radius[contour.forming_tool])

@@ -167,7 +167,6 @@ class Difference:
         self._before = before
         self._seen = _seen_everywhere(before)
         self._radius = forming_radii(job_file)
-        self._floor_passes = job_file.job.path.floor_step is not None
         self._plan_id = ""
         self._walls: dict[Wall, _WallDifference] = defaultdict(_WallDifference)
         self._now = _WallDifference()
@@ -193,7 +192,7 @@ class Difference:
         )
         share, target = np.zeros(len(contour)), history.scans.target
         unseen = history.scans.began is not None and not self._now.has_bottom  # the stage before has made it
-        if self._floor_passes:
+        if contour.floor_passes:
             share += makes_floor(contour)
         elif target is not None and not unseen:
             if self._now.floor is None:

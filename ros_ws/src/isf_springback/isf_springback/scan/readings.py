@@ -161,15 +161,16 @@ PILLOW = 0.3e-3
 
 
 def shape_remarks(
-    shape: FormedShape, target: HeightMap, level: float, job_file: JobFile, began: HeightMap | None = None
+    shape: FormedShape, target: HeightMap, contour: Contour, job_file: JobFile, began: HeightMap | None = None
 ) -> tuple[str, ...]:
-    """Remarks on the part after a contour with its tip at ``level`` m, in a stage that ``began`` with a shape."""
+    """Remarks on the part after ``contour``, in a stage that ``began`` with a shape."""
+    level = float(contour.forming_tip[:, 2].min())
     masks = regions(target)
     places = np.stack(np.meshgrid(target.x, target.y), axis=-1)
     formed = heights_at(shape.surface, places)
     error = formed - np.maximum(target.z, level)
     # a bottom that a stage before has formed is no sheet that stands up between the walls
-    pillow = () if began is not None else _pillow(formed, target, level, job_file)
+    pillow = () if began is not None else _pillow(formed, target, level, passes=contour.floor_passes)
     return (*_rim(error[masks["rim"]], job_file), *pillow)
 
 
@@ -192,7 +193,7 @@ def _rim(error: Array, job_file: JobFile) -> tuple[str, ...]:
     )
 
 
-def _pillow(formed: Array, target: HeightMap, level: float, job_file: JobFile) -> tuple[str, ...]:
+def _pillow(formed: Array, target: HeightMap, level: float, *, passes: bool) -> tuple[str, ...]:
     """Middle of the bottom (where the target is deeper than the tool has been) against its edge."""
     bottom = target.z <= level + SAME_DEPTH
     if bottom.sum() < 200:
@@ -210,7 +211,7 @@ def _pillow(formed: Array, target: HeightMap, level: float, job_file: JobFile) -
     if rise < PILLOW:
         return ()
     better = "passes over the floor (path.floor_step), support from below (DSIF) or a smaller depth step would lower it"
-    if job_file.job.path.floor_step is not None:
+    if passes:
         better = "the passes over the floor lower it"
     return (
         f"the middle of the bottom stands {1e3 * rise:.1f} mm over its edge (pillow): contours on the walls do not "
