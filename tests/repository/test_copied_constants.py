@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from isf_force_ctrl.motion import trajectory
-from isf_planner.checks import arm_checks
+from isf_planner.checks import pace
 
 
 def test_speed_of_the_support_tool_is_that_of_the_force_controller() -> None:
-    assert arm_checks.SUPPORT_RATIO == trajectory.SUPPORT_RATIO
+    assert pace.SUPPORT_RATIO == trajectory.SUPPORT_RATIO

@@ -13,6 +13,7 @@ import signal
 import time
 import traceback
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from typing import Any
 
@@ -70,30 +71,33 @@ class Driver:
         self._forces = np.zeros((2, 3))  # N, read last
         self._zeroed = False  # before the first tare forces have the tools' weight in them; its zero outlives a reset
         self._tick, self._code, self._following = 0, 0, False
+        self._failed = ""  # what the hardware raised: no cycle and no target until somebody asks for something
         self._next_cycle = 0.0  # s of the monotonic clock
         self._heard: float | None = None  # s, when the last target came; None: nothing is to be done when none comes
         self._running: list[Any] = []
         self._wrenches = [node.create_publisher(WrenchStamped, f"tool_{k}/wrench", STREAM) for k in (1, 2)]
         self._poses = [node.create_publisher(PoseStamped, f"tool_{k}/pose", SENSOR) for k in (1, 2)]
         for k in (1, 2):
-            node.create_subscription(PoseStamped, f"tool_{k}/target", lambda m, k=k: self._on_target(k, m), STREAM)
+            work = self._guarded(partial(self._on_target, k))
+            node.create_subscription(PoseStamped, f"tool_{k}/target", work, STREAM)
         if level >= SERVICES:
             self._state = node.create_publisher(MachineState, "machine/state", STREAM)
-            node.create_service(Tare, "machine/tare", self._on_tare)
-            node.create_service(Stop, "machine/stop", self._on_stop)
+            node.create_service(Tare, "machine/tare", self._guarded(self._on_tare))
+            node.create_service(Stop, "machine/stop", self._guarded(self._on_stop))
         elif refused := self._hardware.tare():  # nobody can ask for it: what it streams has to be tared
             raise SystemExit(f"the load cells cannot be tared: {refused}")
         else:
             self._zeroed = True
         if level >= SCANNER:
             self._scan = node.create_publisher(PointCloud2, "scan", LATCHED)
-            node.create_service(Scan, "machine/scan", self._on_scan)
+            node.create_service(Scan, "machine/scan", self._guarded(self._on_scan))
         if level >= MANAGED:
-            node.create_service(Reset, "machine/reset", self._on_reset)
+            node.create_service(Reset, "machine/reset", self._guarded(self._on_reset))
 
     def start(self) -> None:
         """Begin to move and to measure, where the tools are."""
         self.halt()
+        self._try_again()
         self._stand()
         self._next_cycle = time.monotonic()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -101,12 +105,14 @@ class Driver:
         if self._level >= SERVICES:
             periods.append((STATE_PERIOD, self._publish_state))
         for period, work in periods:
-            self._running.append(self._node.create_timer(period, work, clock=steady))
+            self._running.append(self._node.create_timer(period, self._guarded(work), clock=steady))
 
     def stop(self) -> None:
         """Stand still. Nobody moves the tools any more then: loaded ones leave the sheet before, and a stop comes to
         its end. Nothing runs afterwards, whatever the hardware raises."""
         try:
+            if self._running:
+                self._try_again()
             if self._running and self._zeroed and np.abs(self._forces).max() > FREE:
                 self._protect(STOP_REQUESTED, "the driver is told to be inactive, or to end, with a loaded tool")
             deadline = time.monotonic() + RELEASE_WITHIN
@@ -124,10 +130,54 @@ class Driver:
     def _releasing(self) -> bool:
         return bool(self._running and self._hardware.stopped) and not self._hardware.released
 
+    # -- what the hardware raises ------------------------------------------------------------------
+
+    @property
+    def _stopped(self) -> str:
+        """Why the machine takes no targets; empty: it does."""
+        return self._failed or self._hardware.stopped
+
+    def _guarded(self, work: Callable[..., Any]) -> Callable[..., Any]:
+        """``work`` for a callback: what it raises would end the process, and is a fault of the driver instead."""
+
+        def call(*messages: Any) -> Any:
+            try:
+                return work(*messages)
+            except Exception as error:
+                text = self._fail(error)
+                if len(messages) < 2:
+                    return None
+                response = messages[1]  # of a service
+                response.code, response.message = FAULTED, text
+                return response
+
+        return call
+
+    def _fail(self, error: Exception) -> str:
+        """Latch what the hardware raised, told as text: the tools stand, as far as the hardware still does that."""
+        self._code, self._failed = FAULTED, f"the hardware failed: {type(error).__name__}: {error}"
+        self._heard, self._following = None, False
+        with suppress(Exception):  # it may raise here, too
+            self._hardware.stop(self._failed)
+        self._check.restart()
+        self._node.get_logger().error(f"{FAULTED}: {self._failed}\n{''.join(traceback.format_exception(error))}")
+        if self._level >= SERVICES:
+            self._publish_state()
+        return self._failed
+
+    def _try_again(self) -> None:
+        """Somebody asks for something after a failure: the hardware is stopped, where it could not be, and its cycles
+        go on, with which the tools leave the sheet. Raises what the hardware raises."""
+        if not self._failed:
+            return
+        if not self._hardware.stopped:
+            self._hardware.stop(self._failed)
+        self._failed, self._next_cycle = "", time.monotonic()
+
     # -- streams ---------------------------------------------------------------------------------
 
     def _on_target(self, tool: int, message: PoseStamped) -> None:
-        if not self._running or not self._may_follow():
+        if not self._running or self._failed or not self._may_follow():
             return
         at, now = message.pose.position, time.monotonic()
         tip = np.array([at.x, at.y, at.z])
@@ -151,7 +201,7 @@ class Driver:
 
     def _protect(self, code: int, text: str) -> None:
         """Protective stop, once: stand still, then release contact."""
-        if self._hardware.stopped:
+        if self._stopped:
             return
         self._code, self._heard, self._following = code, None, False
         self._hardware.stop(text)
@@ -168,6 +218,8 @@ class Driver:
 
     def _on_timer(self) -> None:
         """Do every cycle that is due by now; a timer alone leaves out those that it was late for."""
+        if self._failed:
+            return
         now, period = time.monotonic(), 1.0 / self._rate
         self._next_cycle = max(self._next_cycle, now - LONGEST_CATCH_UP)
         clock = self._node.get_clock().now().nanoseconds
@@ -205,7 +257,7 @@ class Driver:
     # -- level 2 ---------------------------------------------------------------------------------
 
     def _publish_state(self) -> None:
-        stopped = self._hardware.stopped
+        stopped = self._stopped
         mode = MachineState.FOLLOWING if self._following else MachineState.IDLE
         state = MachineState(mode=MachineState.PROTECTIVE_STOP if stopped else mode, tick=self._tick, tared=self._tared)
         if stopped:
@@ -214,9 +266,10 @@ class Driver:
         self._state.publish(state)
 
     def _on_tare(self, _: Tare.Request, response: Tare.Response) -> Tare.Response:
-        if self._hardware.stopped and self._level >= MANAGED:
-            response.code, response.message = FAULTED, f"reset first: {self._hardware.stopped}"
+        if self._stopped and self._level >= MANAGED:
+            response.code, response.message = FAULTED, f"reset first: {self._stopped}"
             return response
+        self._try_again()
         refused = self._hardware.tare()
         self._tared = not refused
         self._zeroed = self._zeroed or self._tared
@@ -227,6 +280,7 @@ class Driver:
         return response
 
     def _on_stop(self, request: Stop.Request, response: Stop.Response) -> Stop.Response:
+        self._try_again()
         self._protect(STOP_REQUESTED, request.reason or "stop was requested")
         return response
 
@@ -252,6 +306,7 @@ class Driver:
     # -- level 4 ---------------------------------------------------------------------------------
 
     def _on_reset(self, request: Reset.Request, response: Reset.Response) -> Reset.Response:
+        self._try_again()
         self._hardware.reset()
         self._stand()
         if request.new_blank:

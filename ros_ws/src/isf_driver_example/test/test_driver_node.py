@@ -18,7 +18,7 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from isf_msgs.msg import MachineState
-from isf_msgs.srv import Reset, Stop, Tare
+from isf_msgs.srv import Reset, Scan, Stop, Tare
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import Log
@@ -41,7 +41,7 @@ PARKED = 25e-3
 ON_SHEET = -1e-3
 """m: with 1 N/um the upper tool reads the force at which the sheet yields, 300 N."""
 
-STREAMS, SERVICES, MANAGED = 1, 2, 4
+STREAMS, SERVICES, SCANNER, MANAGED = 1, 2, 3, 4
 
 
 class Sender:
@@ -146,9 +146,9 @@ def driver(level: int, rate: float = RATE, **parameters: object) -> Any:
     return forked_process.node("-m", "isf_driver_example.driver_node", level=level, rate=rate, **parameters)
 
 
-def program(name: str) -> Any:
-    """A driver of level 4 with the hardware of a file beside this one."""
-    return forked_process.node(str(Path(__file__).with_name(name)), level=MANAGED, rate=RATE)
+def program(name: str, level: int = MANAGED) -> Any:
+    """A driver with the hardware of a file beside this one."""
+    return forked_process.node(str(Path(__file__).with_name(name)), level=level, rate=RATE)
 
 
 def hear_states(sender: Sender) -> list[str]:
@@ -334,6 +334,60 @@ def test_nothing_runs_on_when_the_hardware_fails_while_tools_leave_the_sheet(sen
         assert sender.change(Transition.TRANSITION_DEACTIVATE)
         assert sender.wait(lambda: sender.height > 15e-3)
         assert sender.fault() == 1406
+
+
+@pytest.mark.parametrize(
+    ("level", "asked"), [(SERVICES, "tare"), (SERVICES, "stop"), (MANAGED, "reset"), (MANAGED, "deactivate")]
+)
+def test_hardware_that_fails_in_a_cycle_is_a_fault_of_the_driver(sender: Sender, level: int, asked: str) -> None:
+    """Cycles end there, and nothing moves, until somebody asks for something: a reset has the tools where they were,
+    all else takes them off the sheet."""
+    with program("lost_hardware.py", level) as process:
+        if level == MANAGED:
+            assert sender.change(Transition.TRANSITION_CONFIGURE)
+            assert sender.change(Transition.TRANSITION_ACTIVATE)
+        sender.begin(tared=False)
+        sender.stream(PARKED, ON_SHEET)
+        assert sender.wait(lambda: sender.force > 250.0)
+        sender.send((0.0, 0.0, ON_SHEET - 0.4e-3))
+        assert sender.fault() == 1410
+        assert sender.state is not None
+        assert "ConnectionError: the field bus has lost a cycle" in sender.state.fault_messages[0]
+
+        sender.send_for_sure((0.0, 0.0, ON_SHEET + 1e-3))
+        sender.ticks.clear()
+        assert sender.wait(lambda: len(sender.ticks) > 5)
+        assert len(set(sender.ticks)) == 1
+        assert process.poll() is None
+
+        sender.heights.clear()
+        if asked == "reset":
+            assert sender.ask(Reset, "machine/reset", Reset.Request()).code == 0
+            assert sender.wait(lambda: sender.state and not sender.state.fault_codes and len(sender.heights) > 20)
+            assert sender.heights == pytest.approx([ON_SHEET] * len(sender.heights), abs=50e-6)
+            return
+        if asked == "tare":
+            assert sender.ask(Tare, "machine/tare", Tare.Request()).code == 1405  # still on the sheet, which they leave
+        elif asked == "stop":
+            assert sender.ask(Stop, "machine/stop", Stop.Request(reason="a trial")).code == 0
+        else:
+            assert sender.change(Transition.TRANSITION_DEACTIVATE)
+        assert sender.wait(lambda: sender.height > 15e-3)
+        assert sender.fault() == 1410
+        if level == SERVICES:
+            assert sender.ask(Tare, "machine/tare", Tare.Request()).code == 0
+            assert sender.wait(lambda: sender.state and not sender.state.fault_codes)
+
+
+def test_hardware_that_fails_in_a_service_answers_with_the_fault(sender: Sender) -> None:
+    with program("lost_hardware.py", SCANNER):
+        sender.begin(tared=False)
+        answer = sender.ask(Scan, "machine/scan", Scan.Request())
+        assert (answer.code, answer.points) == (1410, 0)
+        assert "TimeoutError: no answer from the scanner" in answer.message
+        assert sender.fault() == 1410
+        assert sender.ask(Tare, "machine/tare", Tare.Request()).code == 0
+        assert sender.ask(Scan, "machine/scan", Scan.Request()).code == 0
 
 
 def test_hardware_that_is_not_there_is_told_and_tried_again(sender: Sender) -> None:

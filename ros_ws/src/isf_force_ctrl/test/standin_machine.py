@@ -13,8 +13,9 @@ tool_2 is off in z), ``poses_until``, ``states_until`` (ticks after which it pub
 ``best_effort`` (wrenches and states are published so), ``last_targets`` (a file: when it is there, targets are
 answered 1 s late, and it is removed before; lockstep), ``turned`` (axes of the load cells: x, y, z are y, z, x of the
 sheet), ``spin`` (rad/s with which they turn about z of the sheet besides, told on /tf every 20 ms until tick
-``told_until``, -1 always). ``silent``, ``saturated_at``, ``late_at``, ``scattered_share``,
-``jump_at``, ``jump`` and ``gap`` may change at run time.
+``told_until``, -1 always), ``taken_off`` (1, 2: somebody takes this tool 3 mm off the sheet at the machine's panel).
+``silent``, ``saturated_at``, ``late_at``, ``scattered_share``, ``jump_at``, ``jump``, ``gap`` and ``taken_off`` may
+change at run time.
 """
 
 import copy
@@ -88,6 +89,7 @@ class StandInMachine(Node):
             self.declare_parameter("spin", 0.0).value,
         )
         self.told_until = self.declare_parameter("told_until", -1).value
+        self.taken_off = self.declare_parameter("taken_off", 0).value
         self.frame = frame
         self.tf = self.create_publisher(TFMessage, "/tf", 100) if self.spin else None
         self.velocity = [(0.0, 0.0, 0.0), (0.0, 0.0, 0.0)]
@@ -119,6 +121,8 @@ class StandInMachine(Node):
     def on_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
         for parameter in parameters:
             setattr(self, parameter.name, parameter.value)
+            if parameter.name == "taken_off":
+                self.sandbox.position[3 * self.taken_off - 1] += 3e-3 if self.taken_off == 1 else -3e-3
         return SetParametersResult(successful=True)
 
     def measure(self) -> None:

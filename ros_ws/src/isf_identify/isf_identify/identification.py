@@ -75,19 +75,29 @@ class Identification:
         return finding(probe, config, self._job_file.rig, rig_reference(self._job_file), date.today().isoformat())
 
 
-def make_probe(rest: AtRest, settings: IdentifySettings, geometry: ToolGeometry) -> Probe:
-    """The measurement that identifies ``settings.property``; raises IsfError MEASUREMENT_REFUSED."""
-    settings.check_force(rest.config)
+def check_job(settings: IdentifySettings, geometry: ToolGeometry) -> None:
+    """Raise IsfError MEASUREMENT_REFUSED when ``settings.property`` cannot be measured with a job of ``geometry``.
+
+    A squeeze begins with the planned thickness of sheet between the tools. In ADSIF both stand at one depth, their gap
+    is another one by as much as they give way, and the wall behind them goes on to sink.
+    """
     servo = settings.property is Property.SERVO_RESPONSE
     if not geometry.both_tools and (not servo or settings.tool == 2):
         what = "the job has no tool_2" if servo else "is measured by squeezing the sheet between both tools"
-        raise IsfError(
-            ErrorCode.MEASUREMENT_REFUSED,
-            f"{settings.property.name}: {what}",
-            where="identify",
-            advice="use a job with tool_2 (DSIF); with one tool only the servo of tool 1 can be identified",
-        )
-    if servo:
+        advice = "use a job with tool_2 (DSIF); with one tool only the servo of tool 1 can be identified"
+    elif geometry.accumulative and not servo:
+        what = "is measured at a wall that stays where it was formed, and in ADSIF both tools stay at one depth"
+        advice = "use a job of process DSIF with the same rig and tools, or --rig; with this one the servo alone"
+    else:
+        return
+    raise IsfError(ErrorCode.MEASUREMENT_REFUSED, f"{settings.property.name}: {what}", where="identify", advice=advice)
+
+
+def make_probe(rest: AtRest, settings: IdentifySettings, geometry: ToolGeometry) -> Probe:
+    """The measurement that identifies ``settings.property``; raises IsfError MEASUREMENT_REFUSED."""
+    settings.check_force(rest.config)
+    check_job(settings, geometry)
+    if settings.property is Property.SERVO_RESPONSE:
         return ServoProbe(rest, settings, both_tools=geometry.both_tools)
     return SqueezeProbe(rest, settings, geometry, places_for(settings, rest.config, geometry, rest.formed))
 

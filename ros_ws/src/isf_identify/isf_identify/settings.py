@@ -48,7 +48,8 @@ class ToolGeometry:
 
     ``clamp`` m, free sheet in x and y; ``plate`` under it, None without: where neither tool may stand. ``flats`` (2,)
     m, radii of the flats of the tips, 0 of a hemisphere: the ball of a flat tip is its rounded edge. ``opposite``: the
-    support tool of a contour is opposite the forming one; else it stays under the blank.
+    support tool of a contour is opposite the forming one; else it stays under the blank. ``accumulative``: the process
+    is ADSIF.
     """
 
     radii: tuple[float, float]
@@ -57,6 +58,7 @@ class ToolGeometry:
     plate: BackingPlateSpec | None = None
     flats: tuple[float, float] = (0.0, 0.0)
     opposite: bool = True
+    accumulative: bool = False
 
     @staticmethod
     def from_job(job_file: JobFile) -> ToolGeometry:
@@ -65,7 +67,13 @@ class ToolGeometry:
         radii = job.tool_1.radius, job.tool_2.radius if job.tool_2 else 0.0
         flats = job.tool_1.flat_radius, job.tool_2.flat_radius if job.tool_2 else 0.0
         return ToolGeometry(
-            radii, job.sheet.thickness, job_file.rig.clamp.size, job.backing_plate, flats, not job.support_stays
+            radii,
+            job.sheet.thickness,
+            job_file.rig.clamp.size,
+            job.backing_plate,
+            flats,
+            opposite=not job.support_stays,
+            accumulative=job.process == "ADSIF",
         )
 
     @property

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.files.job import load_job
 from isf_force_ctrl.control_state import Mode
 from isf_force_ctrl.controller import ForceController
 from isf_identify.fits import fit_compliance, fit_signs, fit_stiffness
@@ -18,7 +19,7 @@ from isf_identify.servo_probe import ServoProbe, chirp_way, fit_servo
 from isf_identify.settings import IdentifySettings, Property, ToolGeometry
 from isf_sim.machine.simulated_machine import SimulatedMachine
 from isf_sim.variant import STANDARD_VARIANTS, make_variant
-from plant_cell import PlantCell
+from plant_cell import EXAMPLES, PlantCell
 
 Readings = Callable[[np.ndarray, np.ndarray], None]
 """Changes both wrenches (6,), as a fault does."""
@@ -309,6 +310,17 @@ def test_one_tool_is_not_enough(parked_cell: PlantCell, kind: Property, tool: in
     with pytest.raises(IsfError, match=text) as caught:
         parked_cell.controller.measure(lambda rest: make_probe(rest, goal(kind, tool=tool), spif))
     assert caught.value.code is ErrorCode.MEASUREMENT_REFUSED
+
+
+@pytest.mark.parametrize("kind", [kind for kind in Property if kind is not Property.SERVO_RESPONSE])
+def test_walls_of_accumulative_forming_are_no_places(parked_cell: PlantCell, kind: Property) -> None:
+    geometry = ToolGeometry.from_job(load_job(EXAMPLES / "adsif_cone.yaml"))
+    places = (0.0, 0.0, -1.6e-3)
+    with pytest.raises(IsfError, match="in ADSIF both tools stay at one depth") as caught:
+        parked_cell.controller.measure(lambda rest: make_probe(rest, goal(kind, places=places), geometry))
+    assert caught.value.code is ErrorCode.MEASUREMENT_REFUSED
+    assert "process DSIF" in caught.value.advice
+    assert not parked_cell.controller.busy
 
 
 def test_the_servo_of_a_job_with_one_tool() -> None:

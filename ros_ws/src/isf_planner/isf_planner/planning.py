@@ -94,7 +94,8 @@ def plan(job_file: JobFile, *, progress: Progress | None = None, cancelled: Canc
     part_checks.check_floors(last, planned, job)
     warnings += part_checks.check_support(last, planned, job)
     target = target_surface.target_map(nominal, rig.clamp.size)
-    shank = check_shank(contours, target, job_file) if job_file.tilts else None
+    shank, near = check_shank(contours, target, job_file) if job_file.tilts else (None, ())
+    warnings += near
     warnings += check_upright(last, planned, target, job_file) if _beyond_tip(job) else ()
     step("done", 1.0)
     base = PlanBase(job, tuple(planned), part_warnings)
@@ -150,7 +151,8 @@ def replan(before: Plan, job_file: JobFile) -> Plan:
     held = (*backing_plate.check_held(contours, mesh, job, job_file.rig), *part_checks.check_slopes(contours, job))
     part_checks.check_floors(contours, sides, job)
     pressing = part_checks.check_support(contours, sides, job)
-    shank = check_shank(contours, before.target, job_file) if job_file.tilts else None
+    shank, near = check_shank(contours, before.target, job_file) if job_file.tilts else (None, ())
+    pressing += near
     pressing += check_upright(contours, sides, before.target, job_file) if _beyond_tip(job) else ()
     left = tool_paths.left_to_sine_law(sides, job)
     reported = tuple(dict.fromkeys((*base.reported, *ruled, *left, *expected, *held, *pressing)))

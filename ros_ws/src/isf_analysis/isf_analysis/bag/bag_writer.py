@@ -51,6 +51,26 @@ def write_bag(record: PartRecord, path: Path | str, *, end: int | None = None) -
     return path
 
 
+def job_fields(record: PartRecord) -> dict[str, Any]:
+    """Fields of the message ``isf_msgs/JobInfo`` of a part, without its header."""
+    return {
+        "job_name": record.job_name,
+        "job_text": record.job_text,
+        "plan_id": record.plan_id,
+        "process": record.process,
+        "correction": record.correction,
+        "support_force": float(record.support_force),
+        "world": int(record.variant),
+        "seed": int(record.seed),
+        "control_rate": float(record.control_rate),
+        "lockstep": bool(record.lockstep),
+        "software": record.software,
+        "sheet": str(record.sheet.get("model", "")),
+        "base_folder": record.base_folder,
+        "plan_warnings": list(record.plan_warnings),
+    }
+
+
 class _Output:
     """Serialises messages and writes each to its topic."""
 
@@ -73,7 +93,7 @@ class _Output:
         }
 
     def write_part(self, record: PartRecord, start: int, end: int, per_second: float) -> None:
-        self._write(topics.JOB, start, _job(record))
+        self._write(topics.JOB, start, make_message(topics.JOB.type, header=_header(0.0), **job_fields(record)))
         self._write(topics.MACHINE_STATE, start, _machine_state(record, end=False))
         if record.target is not None:
             self._write(topics.TARGET, start, _target(record.target, record.preforms))
@@ -106,27 +126,6 @@ class _Output:
 
     def _write(self, topic: Topic, timestamp: int, message: Any) -> None:
         self._bag.write(self._connections[topic], timestamp, cell_types().serialize_cdr(message, topic.type))
-
-
-def _job(record: PartRecord) -> Any:
-    return make_message(
-        topics.JOB.type,
-        header=_header(0.0),
-        job_name=record.job_name,
-        job_text=record.job_text,
-        plan_id=record.plan_id,
-        process=record.process,
-        correction=record.correction,
-        support_force=float(record.support_force),
-        world=int(record.variant),
-        seed=int(record.seed),
-        control_rate=float(record.control_rate),
-        lockstep=bool(record.lockstep),
-        software=record.software,
-        sheet=str(record.sheet.get("model", "")),
-        base_folder=record.base_folder,
-        plan_warnings=list(record.plan_warnings),
-    )
 
 
 def _machine_state(record: PartRecord, *, end: bool) -> Any:

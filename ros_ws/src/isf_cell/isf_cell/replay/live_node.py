@@ -23,6 +23,7 @@ from typing import Any, TypeVar
 import numpy as np
 import rclpy
 from geometry_msgs.msg import PoseStamped, WrenchStamped
+from isf_analysis.bag.bag_writer import job_fields
 from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError, failure
 from isf_core.files.job import JobFile
@@ -496,7 +497,8 @@ def _play_into_springback(live: _Live, run: RecordedRun, job_file: JobFile, prog
     if part.target is not None:
         target.publish(conversion.target_to_message(part.target, part.preforms, stamps.from_seconds(0.0)))
         target.wait_for_all_acked(Duration(seconds=ARRIVES))  # a service that is asked may be faster than some MB
-    info.publish(_info(run, job_file))
+    own = replace(part, job_text=job_file.text, base_folder=str(job_file.base))  # the job may lie elsewhere by now
+    info.publish(isf.JobInfo(**job_fields(own)))
     live.settled()
     count, notes = len(part.nominal), []
     formed = {result.index: result for result in part.results}
@@ -517,23 +519,3 @@ def _play_into_springback(live: _Live, run: RecordedRun, job_file: JobFile, prog
         progress(k + 1, count)
     compared = difference(part.corrections, list(found.values()))
     return LiveAnswer("springback", True, corrections=compared, notes=tuple(notes))
-
-
-def _info(run: RecordedRun, job_file: JobFile) -> isf.JobInfo:
-    part = run.part
-    return isf.JobInfo(
-        job_name=part.job_name,
-        job_text=job_file.text,
-        plan_id=part.plan_id,
-        process=part.process,
-        correction=part.correction,
-        support_force=float(part.support_force),
-        world=part.variant,
-        seed=part.seed,
-        sheet=str(part.sheet.get("model", "")),
-        control_rate=float(part.control_rate),
-        lockstep=part.lockstep,
-        software=part.software,
-        base_folder=str(job_file.base),
-        plan_warnings=list(part.plan_warnings),
-    )

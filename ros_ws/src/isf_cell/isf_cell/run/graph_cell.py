@@ -17,6 +17,7 @@ from isf_core import __version__
 from isf_core.contour import ContourCorrection, ContourResult, contour_label
 from isf_core.errors import ErrorCode, IsfError, failure, told
 from isf_core.events import Event, force_unknown, torn
+from isf_core.files.rig import tools_with_spindle_cells
 from isf_msgs.action import LiftTool, MoveAside, PlanPart
 from isf_msgs.msg import Contour, ForceCtrlState, JobInfo, MachineState
 from isf_msgs.srv import Arm, GetContour, Reset, Scan, StateFile, Stop, Tare
@@ -223,6 +224,7 @@ class GraphCell:
     def reset(self, goal: PartGoal) -> None:
         """As in the protocol."""
         self._machine.check(goal.method, goal.job_file)
+        self._tell_plain_wrenches(goal)
         self._leave_contour(goal)
         self._state, self._events = None, []
         self._began = None
@@ -598,6 +600,16 @@ class GraphCell:
 
         what = "the machine does not report that it has released the tools"
         self._client.wait_until(released, self._watch_nodes, what, ErrorCode.SERVICE_TIMEOUT)
+
+    def _tell_plain_wrenches(self, goal: PartGoal) -> None:
+        """A standing cell may have been made for another rig. A driver makes wrenches its own way, or gives none: then
+        force control is not armed."""
+        needed = [f"load_cell_{tool}" for tool in tools_with_spindle_cells(goal.job_file.rig)]
+        if (lacking := sorted({*needed} - {*self._settings.load_cells})) and self._machine.offer.simulated:
+            self._operator.phase(
+                f"no node {' or '.join(lacking)}: the wrench is not made of the rig's spindle_cells, but read by its "
+                "load_cell; a cell that is started for this job or rig has the nodes"
+            )
 
     def _wait_until_load_cell_hears(self, name: str) -> None:
         """In lockstep the readings of a tare come all at once: a node that the machine has not found yet misses them.

@@ -10,7 +10,7 @@ from datetime import date
 
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
-from isf_identify.identification import Finding, finding, make_probe
+from isf_identify.identification import Finding, check_job, finding, make_probe
 from isf_identify.rig_piece import rig_reference
 from isf_identify.settings import IdentifySettings, Property, ToolGeometry
 from isf_sim.machine.simulated_machine import SimulatedMachine
@@ -41,6 +41,8 @@ def identify(
     the measurement do.
     """
     notify = progress or (lambda phase, share: None)
+    geometry = ToolGeometry.from_job(job_file)
+    check_job(settings, geometry)  # before a wall is formed for it
     cell = InProcessCell(machine=machine)
     goal = PartGoal(job_file, RunOptions(correction=UNCORRECTED, variant=variant, seed=seed))
     cell.reset(goal)
@@ -60,7 +62,6 @@ def identify(
         result = cell.form_contour(index).result
         if not result.completed:
             raise IsfError(ErrorCode(result.code), result.message)
-    geometry = ToolGeometry.from_job(job_file)
     probe = cell.measure(
         lambda rest: make_probe(rest, settings, geometry), lambda measured: notify(measured.phase, measured.progress)
     )

@@ -174,6 +174,16 @@ def test_a_part_of_one_tool_identifies_its_servo(tmp_path: Path) -> None:
     assert "only the servo of tool 1" in str(done.exception)
 
 
+@pytest.mark.parametrize("name", ["compliance", "stiffness", "signs"])
+@pytest.mark.parametrize("contours", ["0", "3"])
+def test_a_part_of_accumulative_forming_identifies_its_servo_alone(tmp_path: Path, name: str, contours: str) -> None:
+    job, piece = str(JOB.with_name("adsif_cone.yaml")), str(tmp_path / "mine.yaml")
+    done = _identify(job, "-p", name, "--contours", contours, "-o", piece)
+    assert isinstance(done.exception, IsfError)
+    assert done.exception.code is ErrorCode.MEASUREMENT_REFUSED
+    assert "with this one the servo alone" in str(done.exception)
+
+
 def test_what_fails_before_measuring_leaves_no_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     for arguments in (("--rig", "nowhere", "-p", "servo"), ("--rig", "ren2018", "--dial", "nowhere.csv")):

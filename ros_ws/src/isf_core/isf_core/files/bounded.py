@@ -26,11 +26,14 @@ LONGEST_LINE = 10_000
 
 def read_content(path: Path, largest: int) -> bytes:
     """What is in the file, at most ``largest`` bytes; raises OSError, also for a pipe, a device and a larger file."""
-    if not stat.S_ISREG(path.stat().st_mode):  # to open a pipe would wait for who writes to it
+    status = path.stat()
+    if not stat.S_ISREG(status.st_mode):  # to open a pipe would wait for who writes to it
         raise OSError(errno.EINVAL, "is no file, but a folder, a pipe or a device", str(path))
-    with path.open("rb") as file:
-        content = file.read(largest + 1)
-    if len(content) > largest:
+    content = b""
+    if status.st_size <= largest:
+        with path.open("rb") as file:
+            content = file.read(largest + 1)  # it may grow, or its size be told as none
+    if max(len(content), status.st_size) > largest:
         raise OSError(errno.EFBIG, f"is larger than {largest / MEGABYTE:g} MB", str(path))
     return content
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import tracemalloc
 import zipfile
 from pathlib import Path
 
@@ -167,3 +168,16 @@ def test_a_byte_order_mark_is_no_part_of_the_text(tmp_path: Path) -> None:
     assert bounded.read_lines(path) == ["fx,fy", "1,2"]
     path.write_bytes(b"\xef\xbb\xbf[1]")
     assert bounded.read_json(path) == [1]
+
+
+def test_nothing_is_read_of_a_file_that_is_too_large(tmp_path: Path) -> None:
+    with (tmp_path / "large").open("wb") as file:
+        file.truncate(60_000_000)
+    tracemalloc.start()
+    try:
+        with pytest.raises(OSError, match="is larger than 50 MB"):
+            bounded.read_content(tmp_path / "large", 50_000_000)
+        most = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert most < 1_000_000  # bytes

@@ -1,17 +1,22 @@
-"""Tools never stay on the sheet when nobody goes on with the part, and never move on stale news of the machine."""
+"""Tools never stay on the sheet when nobody goes on with the part, or arms another one, and never move on stale news of
+the machine."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from contextlib import ExitStack
+from functools import partial
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped
 from isf_core.errors import ErrorCode
+from isf_msgs.action import LiftTool
 from isf_msgs.msg import ForceCtrlState
 from isf_ros import qos, stamps
-from node_cell import Cell, small_ring, watched
+from node_cell import Cell, Observed, call_action, small_ring, watched
+from waiting import Waiting
 
 pytestmark = pytest.mark.graph
 
@@ -19,6 +24,39 @@ pytestmark = pytest.mark.graph
 @pytest.fixture
 def cell() -> Iterator[Cell]:
     with watched(Cell) as found:
+        yield found
+
+
+class Left(Observed):
+    """A cell whose tools rest on the sheet, after the first of two contours."""
+
+    def __init__(self, waiting: Waiting, stack: ExitStack) -> None:
+        super().__init__(waiting, stack)
+        self._heights: tuple[list[float], list[float]] = ([], [])
+        for tool, heights in enumerate(self._heights, start=1):
+            heard = partial(self._on_pose, heights)
+            self.node.create_subscription(PoseStamped, f"tool_{tool}/pose", heard, qos.SENSOR)
+        self.start(contour_wait=600.0)  # they wait
+        self.armed(count=2)
+        assert self.form(small_ring(0, 2)).code == 0
+        assert self.rests_in(ForceCtrlState.FREEZE)
+
+    @staticmethod
+    def _on_pose(heights: list[float], message: PoseStamped) -> None:
+        heights.append(message.pose.position.z)
+
+    def stand_at(self) -> tuple[float, float]:
+        """m, heights of both tools. Of several poses that come from now on, a tenth of a second apart, force control
+        has the first ones when the last ones are here."""
+        for heights in self._heights:
+            heights.clear()
+        assert self.wait(lambda: all(len(heights) > 3 for heights in self._heights))
+        return self._heights[0][-1], self._heights[1][-1]
+
+
+@pytest.fixture
+def left() -> Iterator[Left]:
+    with watched(Left) as found:
         yield found
 
 
@@ -90,3 +128,27 @@ def test_what_a_driver_reported_that_reports_no_more_does_not_arm(
     assert topic in response.message
     assert "the driver has to publish" in response.message
     assert cell.newest_target <= parked + stamps.tick_nanoseconds(2, 500.0)  # by stamps: what was sent may come late
+
+
+def test_tools_that_the_plan_before_left_on_the_sheet_are_lifted_by_the_next_one(left: Left) -> None:
+    """Who arms anew and then disarms, without a contour, leaves no tool on the sheet."""
+    assert max(map(abs, left.stand_at())) < 10e-3
+    left.armed(plan_id="another")
+    left.armed(plan_id="")
+    assert left.rests_in(ForceCtrlState.IDLE)
+    upper, lower = left.stand_at()
+    assert upper > 24e-3
+    assert lower < -24e-3
+
+
+@pytest.mark.parametrize("tool", [1, 2])
+def test_a_tool_that_is_elsewhere_by_now_rests_on_no_sheet(left: Left, tool: int) -> None:
+    """Off the sheet already, the tools are not lifted along a wall where they no longer are."""
+    before = left.stand_at()
+    assert all(result.successful for result in left.set("machine", taken_off=tool))
+    assert abs(left.stand_at()[tool - 1] - before[tool - 1]) > 2.9e-3
+    left.armed(plan_id="another")
+    goal = LiftTool.Goal(speed=5e-3, zero_force=5.0, max_lift=8e-3)
+    refused, _ = call_action(left, LiftTool, "lift_tool", goal)
+    assert refused.code == ErrorCode.NOT_ARMED
+    assert "not on the sheet" in refused.message

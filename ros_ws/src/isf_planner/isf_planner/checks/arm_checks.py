@@ -22,6 +22,7 @@ from isf_core.geometry.serial_arm import SerialArm
 from isf_core.geometry.tool_axis import point_on_axis, tilt_of
 from isf_core.types import Array, Indices
 
+from isf_planner.checks.pace import paced
 from isf_planner.part.mesh_checks import place_text
 
 STRIP, PLATE = 50e-3, 25e-3
@@ -30,8 +31,6 @@ OVERHANG = 0.35
 """m, of the table beyond the frame (assumed)."""
 STICK_OUT = 80e-3
 """m, of a tool whose job does not tell (assumed)."""
-SUPPORT_RATIO = 2.0
-"""Speed of the support tool over that of the forming tool at which both get slower: the force controller's."""
 POSES = 2000
 """Poses at most whose distances are looked at, evenly along the path."""
 
@@ -210,9 +209,7 @@ def _of_contour(contour: Contour, tool: int, ball_radius: float) -> tuple[Array,
     """Points, tilts, forces, index and time s to the next point, of ``tool`` along a contour, closed ones to their
     first point again; None where the tool does nothing.
 
-    Both tools are at a point at the same time, and the feed is that of the forming tip: on the outside of a corner the
-    support tool has the longer way, and is so much faster up to :data:`SUPPORT_RATIO`. The way to the next contour has
-    its own speed: it takes for ever here.
+    The way to the next contour has its own speed: it takes for ever here.
     """
     forming = contour.forming_tool == tool
     tips = contour.forming_tip if forming else contour.support_tip
@@ -225,11 +222,5 @@ def _of_contour(contour: Contour, tool: int, ball_radius: float) -> tuple[Array,
     force = np.zeros((n, 3))
     if forming and len(contour.predicted_force):
         force[:, 2] = -contour.push_sign * contour.predicted_force
-    speed = contour.speed if len(contour.speed) else np.full(n, contour.feed)
-    order = np.append(np.arange(n), 0) if contour.closed else np.arange(n)
-    way = np.linalg.norm(np.diff(contour.forming_tip[order], axis=0), axis=1)
-    if contour.has_support:
-        across = np.linalg.norm(np.diff(contour.support_tip[order], axis=0), axis=1)
-        way = np.maximum(way, across / SUPPORT_RATIO)
-    time = way / speed[order[:-1]]
+    order, time = paced(contour)
     return points[order], tilts[order], force[order], np.full(len(order), contour.index), np.append(time, np.inf)

@@ -16,6 +16,7 @@ from isf_core.geometry.hexapod import Hexapod
 from isf_core.geometry.tool_axis import point_on_axis, tilt_of
 from isf_core.types import Array, Indices
 
+from isf_planner.checks.pace import paced
 from isf_planner.part.mesh_checks import place_text
 
 
@@ -96,8 +97,6 @@ def _of_contour(contour: Contour, hexapod: Hexapod, ball_radius: float) -> tuple
     leans = forming and contour.tilted
     tilts = tilt_of(contour.forming_axis) if leans else np.zeros((len(tips), 2))
     strokes = hexapod.strokes(point_on_axis(tips, contour.forming_axis, ball_radius) if leans else tips, tilts)
-    order = np.append(np.arange(len(tips)), 0) if contour.closed else np.arange(len(tips))
-    pace = contour.speed if len(contour.speed) else np.full(len(tips), contour.feed)
-    time = np.linalg.norm(np.diff(contour.forming_tip[order], axis=0), axis=1) / pace[order[:-1]]
+    order, time = paced(contour)
     speed = np.diff(strokes[order], axis=0) / np.maximum(time, 1e-9)[:, None]
     return tips[order[:-1]], np.full(len(time), contour.index), speed

@@ -10,7 +10,7 @@ holder count. A plan is refused only for sizes that job and rig tell; of assumed
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,50 +53,63 @@ class ShankClearance:
     solid: ToolSolid
 
 
-def check_shank(contours: Sequence[Contour], target: HeightMap, job_file: JobFile) -> ShankClearance | None:
-    """The nearest that shank and holder of a tilted tool come to anything; None where no contour is tilted.
+def check_shank(
+    contours: Sequence[Contour], target: HeightMap, job_file: JobFile
+) -> tuple[ShankClearance | None, tuple[str, ...]]:
+    """The nearest that shank and holder of a tilted tool come to anything, and a warning where they would run into it
+    if what is assumed of them is so; None where no contour is tilted.
 
     Raises
     ------
-    IsfError : SHANK_COLLISION with the part of the tool, the place and an advice
+    IsfError : SHANK_COLLISION with the part of the tool, the place and an advice, where job and rig tell all sizes that
+        are involved
     """
-    if not any(contour.tilted for contour in contours):
-        return None
-    solid = tool_solid(job_file.job.tool_1)
-    frame = clamp_frame(job_file.rig)
+    tilted = [contour for contour in contours if contour.tilted]
+    if not tilted:
+        return None, ()
+    tool, rig = job_file.job.tool_1, job_file.rig
+    solid, frame = tool_solid(tool), clamp_frame(rig)
     last = max(contour.stage for contour in contours)
-    shapes = {last: target}
-    nearest: ShankClearance | None = None
-    for contour in contours:
-        if not contour.tilted:
-            continue
-        if contour.stage not in shapes:
-            shapes[contour.stage] = _stage_shape(contours, contour.stage, target)
-        spacing = float(contour.arc_length()[-1]) / max(len(contour) - 1, 1)
-        for k in range(0, len(contour), max(1, round(POSES / max(spacing, 1e-9)))):
-            found = solid.nearest(
-                shapes[contour.stage],
-                frame,
-                contour.forming_tip[k],
-                contour.forming_axis[k],
-                float(contour.contact[k, 2]),
-            )
-            if nearest is None or found[0] < nearest.distance:
-                nearest = ShankClearance(found[0], found[1], solid.names[found[2]], contour.index, k, solid)
-    assert nearest is not None
-    if nearest.distance < -TOLERANCE:
-        framed = nearest.place[2] > 0.0 and _in_frame(nearest.place, job_file.rig)
-        met = "the frame of the clamp" if framed else "the sheet"
-        at = contours[nearest.contour].forming_tip[nearest.point]
+    stages = {contour.stage for contour in tilted}
+    shapes = {k: target if k == last else _stage_shape(contours, k, target) for k in stages}
+    nearest = _nearest_tilted(tilted, shapes, frame, solid)
+    if nearest.distance >= -TOLERANCE:
+        return nearest, ()
+    certain = _told_of(tool, solid)
+    sure = _nearest_tilted(tilted, shapes, _told_frame(frame, rig), certain) if certain else None
+    if sure is not None and sure.distance < -TOLERANCE:
+        what, where, _ = _tilted_collision(sure, tilted, rig)
         raise IsfError(
             ErrorCode.SHANK_COLLISION,
-            f"the {nearest.part} of the tilted tool would run {-1e3 * nearest.distance:.2f} mm into {met} at "
-            f"{place_text(nearest.place)}",
-            where=f"{contour_label(nearest.contour)} with the tip at {place_text(at)}",
+            what,
+            where=where,
             advice="lower tool_axis.largest_tilt, or use a longer tool (tool_1.stick_out) or a thinner one "
             "(tool_1.shank_radius, tool_1.holder)",
         )
-    return nearest
+    what, where, framed = _tilted_collision(nearest, tilted, rig)
+    return nearest, (f"{what}, {where}, {_assumed(nearest, tool, 'tool_1', rig, framed=framed)}",)
+
+
+def _nearest_tilted(
+    contours: Sequence[Contour], shapes: Mapping[int, HeightMap], frame: Array, solid: ToolSolid
+) -> ShankClearance:
+    """The nearest that ``solid`` comes to anything along tilted contours, in the ``shapes`` of their stages."""
+    found = ShankClearance(float("inf"), np.full(3, np.nan), solid.names[0], contours[0].index, 0, solid)
+    for contour in contours:
+        for k in _poses(contour):
+            tip, axis, level = contour.forming_tip[k], contour.forming_axis[k], float(contour.contact[k, 2])
+            distance, place, part = solid.nearest(shapes[contour.stage], frame, tip, axis, level)
+            if distance < found.distance:
+                found = ShankClearance(distance, place, solid.names[part], contour.index, k, solid)
+    return found
+
+
+def _tilted_collision(found: ShankClearance, contours: Sequence[Contour], rig: Rig) -> tuple[str, str, bool]:
+    """What is ``found``, where, and whether it is with the frame of the clamp."""
+    framed = bool(found.place[2] > 0.0) and _in_frame(found.place, rig)
+    contour = next(one for one in contours if one.index == found.contour)
+    what, where = _told(found, "tilted tool", found.place, contour, framed=framed)
+    return what, where, framed
 
 
 UPRIGHT = np.array([0.0, 0.0, 1.0])
@@ -135,8 +148,7 @@ def check_upright(
         if found is None:
             continue
         certain = _told_of(tool, solid)  # alone: what is assumed may reach further than what is sure, and hide it
-        known = frame if _height_told(rig) else frame[frame[:, 2] <= 0.0]  # the frame's foot is on the sheet
-        sure = _nearest_of_all(own, side, shape, known, certain) if certain else None
+        sure = _nearest_of_all(own, side, shape, _told_frame(frame, rig), certain) if certain else None
         if sure is not None:
             what, where, _ = _collision(sure, own, side, rig, framed=len(frame) > 0)
             raise IsfError(
@@ -166,29 +178,33 @@ def _collision(
     contour = next(one for one in contours if one.index == found.contour)
     place = side.in_sheet(found.place)
     framed = framed and bool(place[2] > contour.holder_height) and _in_frame(place, rig)
+    what, where = _told(found, f"upright tool_{side.forming_tool}", place, contour, framed=framed)
+    return what, where, framed
+
+
+def _told(found: ShankClearance, tool: str, place: Array, contour: Contour, *, framed: bool) -> tuple[str, str]:
+    """What is ``found`` at ``place`` (3,) m of frame ``sheet``, and where on the path."""
     met = "the frame of the clamp" if framed else "the sheet"
-    what = (
-        f"the {found.part} of the upright tool_{side.forming_tool} would run {-1e3 * found.distance:.2f} mm into {met} "
-        f"at {place_text(place)}"
-    )
     return (
-        what,
+        f"the {found.part} of the {tool} would run {-1e3 * found.distance:.2f} mm into {met} at {place_text(place)}",
         f"{contour_label(found.contour)} with the tip at {place_text(contour.forming_tip[found.point])}",
-        framed,
     )
 
 
 def _assumed(found: ShankClearance, tool: ToolSpec, name: str, rig: Rig, *, framed: bool) -> str:
     """On what it depends that a collision is one, and what to write so that it does not."""
     conditions, fields = [], []
-    if found.part == SHANK:
+    if found.part == SHANK and _wide(tool):
         conditions.append("if the shank is that wide down to the ball")
     else:
         length, radius = (1e3 * size for size in ASSUMED_HOLDER)
+        if found.part == SHANK and tool.shank_radius is None:
+            conditions.append(f"if the shank has the radius of the tip, {1e3 * tool.radius:g} mm")
+            fields.append(f"{name}.shank_radius")
         if tool.stick_out is None:
             conditions.append(f"if the holder begins {1e3 * ASSUMED_STICK_OUT:g} mm above the tip")
             fields.append(f"{name}.stick_out")
-        if not tool.holder:
+        if found.part != SHANK and not tool.holder:
             conditions.append(f"if the holder is {length:g} mm long with a radius of {radius:g} mm")
             fields.append(f"{name}.holder")
     if framed and not _height_told(rig):
@@ -202,12 +218,22 @@ def _height_told(rig: Rig) -> bool:
     return "height" in rig.clamp.model_fields_set
 
 
+def _told_frame(frame: Array, rig: Rig) -> Array:
+    """Of ``frame`` the points that are where they are for sure: its foot is on the sheet."""
+    return frame if _height_told(rig) else frame[frame[:, 2] <= 0.0]
+
+
+def _wide(tool: ToolSpec) -> bool:
+    """A shank that is wider than the tip; it may have a neck, which no field describes."""
+    return tool.shank_radius is not None and tool.shank_radius > tool.radius
+
+
 def _told_of(tool: ToolSpec, solid: ToolSolid) -> ToolSolid | None:
-    """Of ``solid`` the parts whose size and place the job tells. A shank that is wider than the tip is none of them: it
-    may have a neck, which no field describes."""
-    if tool.stick_out is None or not tool.holder:
+    """Of ``solid`` the parts whose size and place the job tells, a wide shank left out; None: of none."""
+    if tool.stick_out is None:
         return None
-    return _parts_of(solid, [k for k, part in enumerate(solid.names) if part != SHANK])
+    shank, holder = tool.shank_radius is not None and not _wide(tool), bool(tool.holder)
+    return _parts_of(solid, [k for k, part in enumerate(solid.names) if (shank if part == SHANK else holder)])
 
 
 def _parts_of(solid: ToolSolid, chosen: Sequence[int]) -> ToolSolid | None:
@@ -218,8 +244,7 @@ def _beyond_the_tip(tool: ToolSpec) -> ToolSolid | None:
     """What of an upright tool reaches further to the side than its tip; None: nothing, or nothing is told of it."""
     whole = tool_solid(tool)
     told = tool.stick_out is not None or bool(tool.holder)
-    wide = whole.parts[0, 2] > tool.radius
-    return _parts_of(whole, [k for k, part in enumerate(whole.names) if (wide if part == SHANK else told)])
+    return _parts_of(whole, [k for k, part in enumerate(whole.names) if (_wide(tool) if part == SHANK else told)])
 
 
 def _around(side: Side, target: HeightMap, job: Job) -> HeightMap:
@@ -249,12 +274,17 @@ def _nearest(contour: Contour, side: Side, shape: HeightMap, frame: Array, solid
     nearest = ShankClearance(float("inf"), np.full(3, np.nan), solid.names[0], contour.index, 0, solid)
     if float(tips[:, 2].min()) + solid.ball + float(solid.parts[0, 0]) >= highest:
         return nearest
-    spacing = float(contour.arc_length()[-1]) / max(len(contour) - 1, 1)
-    for k in range(0, len(contour), max(1, round(POSES / max(spacing, 1e-9)))):
+    for k in _poses(contour):
         distance, place, part = solid.nearest(shape, more, tips[k], UPRIGHT, float(contact[k, 2]))
         if distance < nearest.distance:
             nearest = ShankClearance(distance, place, solid.names[part], contour.index, k, solid)
     return nearest
+
+
+def _poses(contour: Contour) -> range:
+    """Points of a contour that are looked at."""
+    spacing = float(contour.arc_length()[-1]) / max(len(contour) - 1, 1)
+    return range(0, len(contour), max(1, round(POSES / max(spacing, 1e-9))))
 
 
 def clamp_frame(rig: Rig) -> Array:

@@ -280,9 +280,9 @@ def program_plan(program: Program, job_file: JobFile) -> Plan:
     part_checks.check_machine(filled, job, rig)
     backing_plate.check_backing_plate(filled, job)
     target = _target(contact, group, rig.clamp.size)
-    shank = check_shank(filled, target, job_file) if program.tilted else None
+    shank, near = check_shank(filled, target, job_file)
     mesh = height_grid.as_mesh(target)
-    warnings = (*warnings, *backing_plate.check_held(filled, mesh, job, rig))
+    warnings = (*warnings, *near, *backing_plate.check_held(filled, mesh, job, rig))
     surface = mesh.vertices, mesh.faces
     if short:
         first = ", ".join(map(str, short[:5])) + (", ..." if len(short) > 5 else "")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from isf_core.contour import Contour, Process
@@ -61,6 +63,19 @@ def test_the_pump_limits_six_legs_and_the_valve_a_single_one() -> None:
         check_legs(along([1.0, 0.0, 0.0], 0.7), RIG, 5e-3)
     assert caught.value.code == ErrorCode.LEGS_TOO_FAST
     assert "path.feed" in caught.value.advice
+
+
+def test_as_support_tool_it_is_no_faster_than_twice_the_feed() -> None:
+    """On four times the way both tools get slower, so that down at 160 mm/s, too fast for the legs, are 80 mm/s."""
+    (alone,) = along([0.0, 0.0, -1.0], 0.04)
+    way = MIDDLE + np.linspace(0.0, 1.6e-3, 5)[:, None] * np.array([0.0, 0.0, -1.0])
+    both = replace(alone, process=Process.DSIF, forming_tool=2, support_tip=way)
+    path = leg_path([both], RIG, 5e-3)
+    assert path is not None
+    assert path.speed == pytest.approx(np.full((4, 6), 0.9784 * 0.08), rel=1e-2)
+    check_legs([both], RIG, 5e-3)
+    with pytest.raises(IsfError, match=r"leg \d would have to go out at 157 mm/s"):
+        check_legs(along([0.0, 0.0, -1.0], 0.16), RIG, 5e-3)
 
 
 def test_a_machine_without_legs_has_no_such_limit() -> None:

@@ -15,6 +15,7 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
 from isf_core.geometry.tool_axis import angle_between, inclination, point_on_axis, tilt_of, turn_per_length
 from isf_planner import Plan, plan
+from isf_planner.checks.shank_checks import check_shank
 from isf_planner.paths.five_axis import pressing_axis, smoothed, with_tool_axis
 from planner_parts import EXAMPLES, told
 
@@ -39,6 +40,9 @@ def job_with(axis: str, *, rig: str = "torrao2013", tool: str = "stick_out: 70 m
         assert old in text
         text = text.replace(old, new)
     return JobFile(text, JOBS)
+
+
+HOLDER = "holder: [{length: 60 mm, radius: 25 mm}]"
 
 
 @pytest.fixture(scope="module")
@@ -139,8 +143,13 @@ def test_auto_leaves_the_tool_upright_on_a_rig_that_cannot_tilt_it(upright: Plan
             "TOOL_AXIS_REFUSED",
             "deg per mm of path",
         ),
-        ("strategy: auto", "torrao2013", "shank_radius: 14 mm", "SHANK_COLLISION", "the shank of the tilted tool"),
-        ("strategy: auto", "torrao2013", "stick_out: 15 mm", "SHANK_COLLISION", "the holder of the tilted tool"),
+        (
+            "strategy: auto",
+            "torrao2013",
+            f"stick_out: 15 mm, {HOLDER}",
+            "SHANK_COLLISION",
+            "the holder of the tilted tool would run 3.2",
+        ),
     ],
 )
 def test_what_cannot_be_is_refused_with_code_and_place(
@@ -153,6 +162,47 @@ def test_what_cannot_be_is_refused_with_code_and_place(
     assert caught.value.code == ErrorCode[code]
     assert caught.value.where
     assert caught.value.advice
+
+
+@pytest.mark.parametrize(
+    ("tool", "words", "end"),
+    [
+        ("stick_out: 15 mm", "the holder of the tilted tool would run 3.2", "say what it is in tool_1.holder"),
+        ("shank_radius: 14 mm", "the shank of the tilted tool would run 2.7", "is that wide down to the ball"),
+        (f"shank_radius: 14 mm, stick_out: 70 mm, {HOLDER}", "the shank of the", "is that wide down to the ball"),
+    ],
+)
+def test_a_tilted_tool_is_warned_of_where_a_size_is_assumed(tool: str, words: str, end: str) -> None:
+    made = plan(job_with("strategy: auto", tool=tool))
+    (warning,) = (text for text in told(made) if "tilted tool" in text)
+    assert warning.startswith(words)
+    assert "with the tip at" in warning
+    assert warning.endswith(end)
+    assert made.shank is not None
+    assert made.shank.distance < -2e-3
+
+
+def test_a_shank_no_wider_than_the_tip_is_refused_where_radius_and_length_are_told() -> None:
+    """Turned from 30 deg away from the wall of 45 deg to 60 deg towards it."""
+    made = plan(job_with("strategy: auto"))
+    turned = np.array([*[-math.sin(60 * DEG) / math.sin(30 * DEG)] * 2, math.cos(60 * DEG) / math.cos(30 * DEG)])
+    leaning = [replace(contour, forming_axis=turned * contour.forming_axis) for contour in made.contours[1:-1]]
+
+    def warnings(tool: str) -> tuple[str, ...]:
+        thin = f"{tool}, holder: [{{length: 60 mm, radius: 5 mm}}]"
+        return check_shank(leaning, made.target, job_with("strategy: auto", tool=thin))[1]
+
+    (radius,) = warnings("stick_out: 70 mm")
+    assert "the shank of the tilted tool would run" in radius
+    assert "if the shank has the radius of the tip, 5 mm; that is assumed" in radius
+    assert radius.endswith("tool_1.shank_radius")
+    (length,) = warnings("shank_radius: 5 mm")
+    assert length.endswith(
+        "if the holder begins 70 mm above the tip; that is assumed: say what it is in tool_1.stick_out"
+    )
+    with pytest.raises(IsfError, match="the shank of the tilted tool would run") as caught:
+        warnings("shank_radius: 5 mm, stick_out: 70 mm")
+    assert caught.value.code == ErrorCode.SHANK_COLLISION
 
 
 @pytest.mark.parametrize(
