@@ -319,3 +319,12 @@ def over_floor(contour: Contour, before: Contour | None) -> bool:
 def passes_over_floors(contours: Sequence[Contour]) -> list[Contour]:
     """Those of the planned ``contours``, in order, that pass over a floor which the one before has reached."""
     return [contour for before, contour in itertools.pairwise(contours) if over_floor(contour, before)]
+
+
+def with_floor_passes(contours: Sequence[Contour]) -> tuple[Contour, ...]:
+    """The ``contours`` of a plan with ``floor_passes`` by what follows their walls: old plan files and bags lack it."""
+    passed = {(one.feature, one.stage, one.forming_tool) for one in passes_over_floors(contours)}
+    return tuple(
+        replace(one, floor_passes=(one.feature, one.stage, one.forming_tool) in passed) if passed else one
+        for one in contours
+    )

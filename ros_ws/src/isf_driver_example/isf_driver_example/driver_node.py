@@ -158,7 +158,8 @@ class Driver:
         self._code, self._failed = FAULTED, f"the hardware failed: {type(error).__name__}: {error}"
         self._heard, self._following = None, False
         with suppress(Exception):  # it may raise here, too
-            self._hardware.stop(self._failed)
+            if not self._hardware.stopped:  # a stop that has come to its end does not lift the tools once more
+                self._hardware.stop(self._failed)
         self._check.restart()
         self._node.get_logger().error(f"{FAULTED}: {self._failed}\n{''.join(traceback.format_exception(error))}")
         if self._level >= SERVICES:
@@ -292,6 +293,9 @@ class Driver:
     # -- level 3 ---------------------------------------------------------------------------------
 
     def _on_scan(self, _: Scan.Request, response: Scan.Response) -> Scan.Response:
+        if self._failed:
+            response.code, response.message = FAULTED, self._failed
+            return response
         points = np.ascontiguousarray(self._hardware.scan(), dtype="<f4")
         cloud = PointCloud2(height=1, width=len(points), point_step=12, row_step=12 * len(points), is_dense=True)
         cloud.header.frame_id, cloud.header.stamp = FRAME, self._node.get_clock().now().to_msg()

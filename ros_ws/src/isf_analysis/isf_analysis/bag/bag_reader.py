@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 from isf_core import __version__
-from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_label
+from isf_core.contour import Contour, ContourCorrection, ContourResult, contour_label, with_floor_passes
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files import yaml_file
 from isf_core.files.job import Job
@@ -194,7 +194,7 @@ def _read_part(messages: _Messages, span: PartSpan, path: Path) -> PartRecord:
     job = [job for time, job in messages.of(topics.JOB) if (time, job.plan_id) == (span.announced, span.plan_id)][-1]
     part = _Part(messages, span)
     notes = messages.missing_fields()
-    nominal = part.by_index(topics.NOMINAL, fields.contour_of)
+    nominal = with_floor_passes(part.by_index(topics.NOMINAL, fields.contour_of))
     corrected = part.by_index(topics.CORRECTED, fields.contour_of)
     corrections = part.by_index(topics.CORRECTION, fields.correction_of)
     results = part.by_index(topics.RESULT, fields.result_of)

@@ -86,8 +86,10 @@ def _floor(numbers: Numbers) -> list[str]:
         return []
     if numbers["floor_passes"] or numbers["process"] not in ("SPIF", "DSIF"):
         return []
+    if numbers["process"] == "SPIF" and numbers["correction"] not in ("", "none"):
+        return []  # planned by itself where the floor is flat
     reported = f"{in_percent(floor, 1):g} % of its points are within {shape:g} mm"
-    return [f"floor: {reported}, and no tool passed over it; path.floor_step (1 mm) plans that where it is flat"]
+    return [f"floor: {reported}, and no tool passed over it; path.floor_step plans that where it is flat"]
 
 
 def in_tolerance(numbers: Numbers) -> bool:

@@ -90,7 +90,7 @@ def test_a_floor_that_no_tool_passed_over_is_named_with_what_would_help() -> Non
     assert target is not None
     raised = target.z + 0.5e-3 * regions_of(target)["base"]
     numbers = summary(replace(EXACT, scan=HeightMap(target.x, target.y, raised)))
-    words = "floor: 0 % of its points are within 0.3 mm, and no tool passed over it; path.floor_step (1 mm) plans that"
+    words = "floor: 0 % of its points are within 0.3 mm, and no tool passed over it; path.floor_step plans that"
     assert any(text.startswith(words) for text in numbers["verdict"]["short_of"]), numbers["verdict"]
     for other in ({**numbers, "floor_passes": 2}, {**numbers, "process": "ADSIF"}, summary(off_by(0.31e-3))):
         assert not any(text.startswith("floor") for text in verdict(other)["short_of"])

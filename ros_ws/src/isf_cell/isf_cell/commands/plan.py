@@ -177,7 +177,7 @@ def tool_axis_text(data: dict[str, Any]) -> str:
     near = ", ".join(f"{value:.1f}" for value in data["clearance_at_mm"])
     return (
         f"tool tilted on {data['tilted_contours']} contours, by {data['largest_tilt_deg']:.1f} deg at most; its "
-        f"{data['clearance_of']} comes {data['clearance_mm']:.1f} mm near to ({near}) mm on contour "
+        f"{data['clearance_of']} comes {max(data['clearance_mm'], 0.0):.1f} mm near to ({near}) mm on contour "
         f"{data['clearance_on_contour']}"
     )
 

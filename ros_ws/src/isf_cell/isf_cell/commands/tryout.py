@@ -705,7 +705,7 @@ def _form(task: _Task, progress: terminal.PartProgress | None = None) -> IsfErro
     try:
         record = in_process.form(job_file, options, progress=progress.contour if progress else None)
     except IsfError as error:
-        if not task.accepted:
+        if not task.accepted or error.code in (ErrorCode.INTERNAL, ErrorCode.LEARNING_UNUSABLE):
             raise
         return error
     part = task.bag.with_suffix(".part")

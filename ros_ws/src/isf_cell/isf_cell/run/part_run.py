@@ -121,7 +121,8 @@ class PartRun:
             ErrorCode.CHECKPOINT_UNUSABLE,
             f"the job now has another plan, {planned.plan_id} of {planned.count} contours, than the part was begun "
             f"with, {before.plan_id} of {before.count}",
-            advice="a file that the job names has changed (mesh, rig, material): restore it, or form the part again",
+            advice="a file that the job names (mesh, rig, material), or the software, has changed: restore it, or form "
+            "the part again",
         )
 
     def _form_contour(self, index: int) -> FormedContour:

@@ -187,7 +187,7 @@ class PathSpec(FileModel):
     are merged by depth and start away from ribs."""
     floor_step: Literal["auto", "none"] | Annotated[Length, Field(gt=0.2e-3, lt=0.1)] = "auto"
     """SPIF and DSIF: distance of the rings in which the tool passes over a flat floor after the wall; none: no passes.
-    auto: with one tool (SPIF) and a springback correction 0.4 of the radius of its ball, after the part itself, not
+    auto: with one tool (SPIF) and a springback correction 0.4 of the radius of the tool, after the part itself, not
     after its preforms; none in all other cases."""
     floor_rounds: Literal["auto"] | Annotated[int, Field(ge=1, le=10)] = "auto"
     """How often the floor is passed over, inwards and outwards in turn; auto: once with `floor_step` auto, else 3
@@ -624,7 +624,10 @@ class ToleranceSpec(FileModel):
 
 
 FLOOR_STEP = 0.4
-"""Distance of the passes over a floor over the radius of the tool's ball, where the job leaves it open."""
+"""Distance of the passes over a floor over the radius of the tool, where the job leaves it open."""
+LEAST_FLOOR_STEP = 0.25e-3
+"""m, of it."""
+
 
 LIFT_EVERY = 4
 """Contours between two tool lifts where the job leaves it open: without scans, lifts are all that tells how far a sheet
@@ -662,7 +665,7 @@ def floor_step(job: Job, *, preform: bool = False) -> float | None:
     if step != "auto":
         return None if step == "none" else step
     wanted = job.process == "SPIF" and job.path.program is None and job.springback.method != "none"
-    return FLOOR_STEP * job.tool_1.ball_radius if wanted and not preform else None
+    return max(FLOOR_STEP * job.tool_1.radius, LEAST_FLOOR_STEP) if wanted and not preform else None
 
 
 def floor_rounds(job: Job) -> int:
@@ -786,7 +789,10 @@ class Job(FileModel):
         if problem := self.path.without_effect(self.process):
             raise ValueError(problem)
         if "floor_rounds" in self.path.model_fields_set and floor_step(self) is None:
-            raise ValueError("path.floor_rounds has no effect without floor_step, which auto leaves out here")
+            raise ValueError(
+                "path.floor_rounds has no effect without floor_step: give it a distance; auto plans no passes with two "
+                "tools, or without a correction"
+            )
         if self.accuracy_surfaces is not None and self.process not in ("SPIF", "DSIF"):
             raise ValueError(f"part.accuracy_surfaces needs process SPIF or DSIF: nothing is learned of {self.process}")
         if self.path.support == "on_blank" and self.control.force_controlled:

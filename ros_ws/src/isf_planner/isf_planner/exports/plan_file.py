@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 import numpy as np
-from isf_core.contour import Contour, Process
+from isf_core.contour import Contour, Process, with_floor_passes
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.archive import read_archive
 from isf_core.files.bounded import parse_json
@@ -135,7 +135,7 @@ def _contours(heads: list[dict[str, Any]], stored: dict[str, Array]) -> tuple[Co
         values |= {name: head[name] for name in _VALUES if name in head}
         values["process"] = Process(values["process"])
         contours.append(Contour(**values).validate())
-    return tuple(contours)
+    return with_floor_passes(contours)
 
 
 def _plain(value: Any) -> Any:

@@ -66,7 +66,7 @@ def make_contours(
             limit = job.path.acceleration or STOPPING
             made = replace(made, speed=contour_making.speeds(made.forming_tip, False, made.feed, limit))
         contours.append(replace(made, retract=piece.retract and bool(contours)))
-    contours = tool_paths.with_floor_passes(contours)
+    contours = tool_paths.with_lifts(contours)
     return tuple(contour_making.with_speed(contours, [False] * len(contours), job.path.acceleration))
 
 

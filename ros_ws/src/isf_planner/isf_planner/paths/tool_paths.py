@@ -22,7 +22,7 @@ from dataclasses import replace
 
 import numpy as np
 import shapely
-from isf_core.contour import Contour, over_floor, passes_over_floors
+from isf_core.contour import Contour, over_floor, passes_over_floors, with_floor_passes
 from isf_core.files.job import Job, JobFile, floor_rounds, floor_step
 from isf_core.process import thickness_and_tips
 from isf_core.types import Array
@@ -87,7 +87,7 @@ def make_contours(
                 first = contour.support_tip
             contours.append(replace(contour, retract=k == 0 and bool(contours)))
             joins.append(path.joins)
-    return tuple(contour_making.with_speed(with_floor_passes(contours), joins, job.path.acceleration))
+    return tuple(contour_making.with_speed(with_lifts(contours), joins, job.path.acceleration))
 
 
 def feature_paths(chain: Sequence[TipLoop], side: Side, job: Job) -> list[TipPath]:
@@ -168,13 +168,12 @@ def floor_paths(surface: TargetSurface, wall: TipPath, job: Job, step: float | N
     return [path for turn in range(floor_rounds(job)) for path in (passes if turn % 2 == 0 else passes[::-1])]
 
 
-def with_floor_passes(contours: Sequence[Contour]) -> list[Contour]:
-    """``contours`` of one stage, told apart by whether their floor is passed over; the tools are lifted before a pass
-    that straight on is reached only through its wall."""
-    passed = {(contour.feature, contour.forming_tool) for contour in passes_over_floors(contours)}
-    if not passed:
+def with_lifts(contours: Sequence[Contour]) -> list[Contour]:
+    """``contours`` of one stage, the tools lifted before a pass over a floor that straight on is reached only through
+    its wall; ``floor_passes`` is set."""
+    contours = with_floor_passes(contours)
+    if not any(contour.floor_passes for contour in contours):
         return list(contours)
-    contours = [replace(one, floor_passes=(one.feature, one.forming_tool) in passed) for one in contours]
     found, wall = list(contours[:1]), contours[0]
     room: shapely.Geometry | None = None
     for before, contour in itertools.pairwise(contours):

@@ -5,18 +5,19 @@ Where the floor has a neck, part by part, and never through the wall.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 import shapely
-from isf_core.contour import Contour, over_floor
+from isf_core.contour import Contour, over_floor, with_floor_passes
 from isf_core.errors import IsfError
 from isf_core.files.job import JobFile
 from isf_core.types import Array
 from isf_planner import plan
-from isf_planner.exports import programs
+from isf_planner.exports import load_plan, programs, save_plan
 from isf_planner.part.meshes import Mesh
 from isf_planner.part_library import catalogue
 from isf_planner.part_library.part_mesh import part_mesh
@@ -141,6 +142,25 @@ def test_one_tool_passes_over_the_floor_of_a_part_that_is_corrected(
         [radii(wall)[-1] - step, radii(wall)[-1] - 2.0 * step], abs=30e-6
     )
     assert all(contour.floor_passes for contour in whole)
+
+
+def test_rings_by_themselves_follow_the_radius_of_a_flat_tip_not_of_its_edge(tmp_path: Path) -> None:
+    job_file = job_for(write(Cone().mesh(), tmp_path / "cone.ply"), process="SPIF", depth="1 mm")
+    text = with_floor(job_file, "").text.replace("{radius: 5 mm}", "{radius: 5 mm, corner_radius: 2 mm}")
+    whole = plan(JobFile(text, job_file.base)).contours
+    rings = [contour for before, contour in pairwise(whole) if over_floor(contour, before)]
+    assert len(rings) > 2
+    assert radii(tuple(rings[:2]))[0] - radii(tuple(rings[:2]))[1] == pytest.approx(2e-3, abs=30e-6)
+
+
+def test_what_is_passed_over_comes_back_from_a_plan_file_and_is_told_of_one_that_does_not_say_it(
+    tmp_path: Path,
+) -> None:
+    job_file = job_for(write(Cone().mesh(), tmp_path / "cone.ply"), process="SPIF", depth="2 mm")
+    made = plan(with_floor(job_file, ""))
+    assert all(contour.floor_passes for contour in load_plan(save_plan(made, tmp_path / "plan.npz")).contours)
+    silent = [replace(contour, floor_passes=False) for contour in made.contours]
+    assert all(contour.floor_passes for contour in with_floor_passes(silent))
 
 
 def test_preforms_have_passes_where_the_job_says_so_alone(tmp_path: Path) -> None:

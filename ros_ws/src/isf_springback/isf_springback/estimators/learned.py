@@ -302,6 +302,8 @@ def learned(job_file: JobFile) -> LearnedEstimator:
         away = learning.misplaced(known, contour)
         if contour.count != known.contours or not np.isfinite(away):
             why = f"was learned on a plan of {known.contours} contours, this one has {contour.count}"
+            if contour.floor_passes and contour.count > known.contours:
+                why += " with its passes over the floor (path.floor_step: none leaves them out)"
         elif away > learning.SAME_PLACE:
             why = (
                 f"was learned on another plan, on which {contour_label(contour.index)} runs up to {1e3 * away:.1f} mm "
