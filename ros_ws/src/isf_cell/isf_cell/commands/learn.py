@@ -116,7 +116,7 @@ def _formed_part(record: PartRecord, where: str) -> tuple[FormedPart, Conditions
         what = f"is no complete part: {failure[1]}"
         raise IsfError(ErrorCode.LEARNING_UNUSABLE, what, where=where, advice=advice)
     job = record.job()
-    own = Conditions.of(job, record.correction)
+    own = Conditions.of(job, record.correction, record.nominal)
     if own.process not in ("SPIF", "DSIF") or own.correction not in formed_parts.PLANNED_METHODS:
         raise IsfError(
             ErrorCode.LEARNING_UNUSABLE,

@@ -7,15 +7,17 @@ used, so a file can be added to, and does not depend on the version of a library
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from isf_core.contour import Contour, makes_floor, passes_over_floors
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.archive import read_archive
 from isf_core.files.bounded import reason
-from isf_core.files.job import Job
+from isf_core.files.job import Job, floor_step
 from isf_core.geometry.height_map import HeightMap
 from isf_core.types import Array
 
@@ -51,6 +53,7 @@ class Conditions:
     compensation : what the plan compensated, in alphabetical order
     stages : shapes were formed before the part ; finishing_passes : after it
     on_blank : the support tool stayed under the blank
+    floor_passes : the tool passed over the floors that are flat
     """
 
     process: str
@@ -62,11 +65,16 @@ class Conditions:
     stages: bool = False
     finishing_passes: int = 0
     on_blank: bool = False
+    floor_passes: bool = False
 
     @staticmethod
-    def of(job: Job, correction: str | None = None) -> Conditions:
-        """Of a job, formed with the springback method ``correction``; None: the job's."""
+    def of(job: Job, correction: str | None = None, planned: Sequence[Contour] = ()) -> Conditions:
+        """Of a job, formed with the springback method ``correction``, None: the job's, and of a part that was formed on
+        ``planned`` contours: what a job of then leaves open may have been planned otherwise."""
         method = job.springback.method if correction is None else correction or "none"
+        passed = floor_step(job) is not None
+        if any(makes_floor(contour) for contour in planned):
+            passed = bool(passes_over_floors(planned))
         return Conditions(
             job.process,
             Path(job.sheet.material).stem,
@@ -77,6 +85,7 @@ class Conditions:
             stages=bool(job.path.stages) or job.path.morph is not None,
             finishing_passes=job.path.finishing_passes,
             on_blank=job.support_stays,
+            floor_passes=passed,
         )
 
     def difference(self, other: Conditions) -> str:
@@ -94,6 +103,7 @@ class Conditions:
             "compensation": f"compensation of {' and '.join(self.compensation) or 'nothing'} in the plan",
             "stages": "stages before the part" if self.stages else "no stages before the part",
             "finishing_passes": f"{self.finishing_passes} finishing passes",
+            "floor_passes": f"{'passes' if self.floor_passes else 'no passes'} over the floors",
             "support": f"the support tool {'under the blank' if self.on_blank else 'opposite the contact'}",
         }
 
@@ -217,6 +227,7 @@ def save(formed: FormedParts, path: Path) -> None:
         "stages": np.asarray(conditions.stages),
         "finishing_passes": np.asarray(conditions.finishing_passes),
         "on_blank": np.asarray(conditions.on_blank),
+        "floor_passes": np.asarray(conditions.floor_passes),
         "name": np.asarray([part.name for part in parts]),
         "shape": np.asarray([part.shape for part in parts]),
         "thickness": np.asarray([part.thickness for part in parts]),
@@ -256,6 +267,7 @@ def load(path: Path) -> FormedParts:
             bool(read["stages"]),
             int(read["finishing_passes"]),
             bool(read["on_blank"]),
+            bool(read.get("floor_passes", False)),  # no job passed over floors by itself when it was not kept
         )
         ends = np.cumsum(read["count"])
         if ends[-1] != len(read["values"]) or len(read["deviation"]) != ends[-1] or len(read["weight"]) != ends[-1]:

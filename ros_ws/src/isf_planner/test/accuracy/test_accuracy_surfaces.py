@@ -21,7 +21,7 @@ from isf_planner.accuracy.surfaces import Expected
 from isf_planner.features.surface_features import Kind
 from isf_planner.part.meshes import Mesh, load_mesh, topology
 from isf_planner.surface.target_surface import target_map
-from planner_parts import Cone, job_for, write
+from planner_parts import NO_PASSES, Cone, job_for, write
 
 RADIUS, BLANK, CLAMP = 5e-3, 1e-3, (0.182, 0.182)
 CONES = [
@@ -315,6 +315,23 @@ def test_a_part_that_is_formed_in_another_way_is_refused(
             formed_parts.load(file).check(asked, "learned.npz")
         assert refused.value.code == ErrorCode.LEARNING_UNUSABLE
         assert refused.value.what == f"was learned under other conditions: {words}"
+
+
+def test_parts_whose_floors_were_not_passed_over_teach_none_that_passes_over_its_own(
+    learned: FormedParts, tmp_path: Path
+) -> None:
+    """A job that leaves it open was planned without passes before they came by themselves: the contours tell."""
+    write(CONES[0].mesh(2e-5), tmp_path / "cone.stl")
+    walls = job_for(tmp_path / "cone.stl", process="SPIF", depth="1 mm")
+    by_itself = JobFile(walls.text.replace(NO_PASSES, ""), tmp_path)
+    assert Conditions.of(by_itself.job, None, plan(by_itself).contours) == Conditions.of(by_itself.job)
+    then = Conditions.of(by_itself.job, None, plan(walls).contours)
+    assert (
+        Conditions.of(by_itself.job).difference(then) == "passes over the floors instead of no passes over the floors"
+    )
+    for conditions in (then, Conditions.of(by_itself.job)):
+        formed_parts.save(replace(learned, conditions=conditions), tmp_path / "m.npz")
+        assert formed_parts.load(tmp_path / "m.npz").conditions == conditions
 
 
 def test_processes_of_which_nothing_is_learned_refuse_the_field(tmp_path: Path) -> None:
