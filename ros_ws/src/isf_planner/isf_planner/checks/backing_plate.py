@@ -32,6 +32,10 @@ PLATE_GAP = 0.9e-3
 FREE_SHEET = 10e-3
 """m from the opening to what holds the sheet, beyond which it is warned of (assumed)."""
 
+NEAR = 4e-3
+"""m from the opening that a round or a rectangular plate may leave free, with which the opening sinks by 1.2 mm
+(:data:`SAG`): beyond it a plate is cut along the part."""
+
 THINNEST_LAND = 6e-3
 """m of plate between two openings; where there would be less they are cut as one (assumed)."""
 
@@ -133,8 +137,9 @@ def nearer_plate(contours: Sequence[Contour], mesh: Mesh, job: Job, rig: Rig) ->
     of a large step lies deep inside the rounding of the opening.
 
     Round or rectangular in whole mm; cut along the part where such a plate would leave the sheet free beyond
-    :data:`FREE_SHEET`. None where the sheet is held within that, where no plate lies closer than what holds it, and for
-    two tools: the lower one would have to get between the part and the plate.
+    :data:`NEAR`, as one does whose opening lies off the middle of the clamp. None where the sheet is held within
+    :data:`FREE_SHEET`, where no plate lies closer than what holds it, and for two tools: the lower one would have to
+    get between the part and the plate.
     """
     free = free_sheet(contours, job, rig)
     if job.process != "SPIF" or free <= FREE_SHEET:
@@ -148,7 +153,7 @@ def nearer_plate(contours: Sequence[Contour], mesh: Mesh, job: Job, rig: Rig) ->
         BackingPlateSpec(shape="rectangle", size=(along_x, along_y)),
     ]
     left, plate = min(((float(plate.inside(*places.T).max()), plate) for plate in plates), key=lambda pair: pair[0])
-    if left > FREE_SHEET:
+    if left > NEAR:
         plate = _along_part(contours, sections)
         left = float(plate.inside(*places.T).max())
     return plate if left < free else None
