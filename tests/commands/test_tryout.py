@@ -19,7 +19,7 @@ from isf_analysis.measures.deviation import compare
 from isf_analysis.measures.summary import summary as measured
 from isf_cell import in_process
 from isf_cell.commands.exit_codes import Exit
-from isf_cell.commands.tryout import SetUp, Tryout, _bands, _folder, _set_ups, try_out
+from isf_cell.commands.tryout import SetUp, Tryout, _bands, _folder, _set_ups, _tried, try_out
 from isf_cell.options import RunOptions
 from isf_cell.replay.recorded_run import read_run
 from isf_core.errors import ErrorCode, IsfError
@@ -477,13 +477,14 @@ def coarse_cone_over_plate(tmp_path: Path, **changes: Any) -> Path:
 
 
 def test_an_uncorrected_first_part_passes_over_the_floor_as_the_parts_that_learn_from_it(tmp_path: Path) -> None:
-    job = coarse_cone_over_plate(tmp_path, springback={"method": "none"})
-    try_out(Tryout(job, sheet="fast", steps=1, checks=()), tmp_path / "out", as_json=False)
-    assert json.loads((tmp_path / "out" / "summary.json").read_text())["chosen"] != "first"
-    learned = load_job(tmp_path / "out" / "job.yaml")
-    assert learned.job.springback.method == "learned"
-    assert plan(learned).contours[-1].floor_passes
-    assert not plan(load_job(job)).contours[-1].floor_passes
+    job = load_job(coarse_cone_over_plate(tmp_path, springback={"method": "none"}))
+    learned = plan(_tried(job, tmp_path / "known.npz", None, "none")).contours
+    assert learned[-1].floor_passes
+    assert not plan(job).contours[-1].floor_passes
+    for first in (_tried(job, None, None, "none"), _tried(job.changed({"springback": None}), None, "none", "none")):
+        assert first.job.springback.method == "none"
+        tips = [contour.forming_tip for contour in plan(first).contours]
+        assert all(np.array_equal(tip, one.forming_tip) for tip, one in zip(tips, learned, strict=True))
 
 
 def test_a_set_up_that_its_method_cannot_correct_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

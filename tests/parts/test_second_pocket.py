@@ -32,7 +32,7 @@ process: SPIF
 rig: small_clamp.yaml
 sheet: {material: AA5754-O, thickness: 1.0 mm}
 tool_1: {radius: 5 mm}
-path: {incremental_depth: 1 mm, point_spacing: 1.5 mm, feed: 90 mm/s, transition: ramp}
+path: {incremental_depth: 1 mm, point_spacing: 1.5 mm, feed: 90 mm/s, transition: ramp, floor_step: none}
 control: {rate: 100 Hz}
 """
 
