@@ -626,7 +626,7 @@ class ToleranceSpec(FileModel):
 FLOOR_STEP = 0.4
 """Distance of the passes over a floor over the radius of the tool, where the job leaves it open."""
 LEAST_FLOOR_STEP = 0.25e-3
-"""m, of it."""
+"""m, smallest distance of these passes, of the smallest tools."""
 
 
 LIFT_EVERY = 4
