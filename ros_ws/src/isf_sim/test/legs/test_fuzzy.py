@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from isf_sim.legs.fuzzy import RULES, SETS, build_table, infer, look_up
 
@@ -42,10 +42,12 @@ def test_centre_of_gravity_by_hand() -> None:
 
 
 @given(error=st.floats(-1.5, 1.5), rate=st.floats(-1.5, 1.5))
+@example(error=-2.0 / 3.0, rate=-2.0 / 3.0)
 @settings(max_examples=40, deadline=None)
 def test_table_is_near_the_inference_and_bounded(error: float, rate: float) -> None:
-    """21 x 21 points (Torrao 2013, 5.3), bilinear between: off by 0.0603 at most, on a grid of 161 x 161."""
+    """21 x 21 points (Torrao 2013, 5.3), bilinear between: off by 0.0746 at most, where a peak of the sets
+    lies between its points, 2/3 (on a grid of 401 x 401 with the peaks)."""
     found = look_up(error, rate, TABLE)
-    assert found == pytest.approx(infer(float(np.clip(error, -1, 1)), float(np.clip(rate, -1, 1))), abs=0.061)
+    assert found == pytest.approx(infer(float(np.clip(error, -1, 1)), float(np.clip(rate, -1, 1))), abs=0.075)
     assert abs(found) <= 0.89
     assert look_up(-error, -rate, TABLE) == pytest.approx(-found, abs=1e-9)
