@@ -50,6 +50,7 @@ def run(case: Case, name: str, digest: str, maps: Path) -> dict[str, Any]:
         record = in_process.form(job_file, options)
     except IsfError as error:
         return {**row, "code": int(error.code), "message": str(error), "contours": 0, "planned": 0}
+    row["rig_N"] = job_file.rig.limits.force[2]
     row["wall_s"], row["cpu_s"] = round(time.perf_counter() - started, 1), round(time.process_time() - used, 1)
     row |= {name: record.sheet[name] for name in ("elements", "kinetic_over_plastic") if name in record.sheet}
     return {**row, **numbers(record), **_shape(record, maps / f"{name}.npz" if case.world == 0 else None)}
