@@ -327,9 +327,10 @@ made for that one.
 Errors are vertical, in the clamp, formed minus target: largest / mean / signed mean of the region, mm, nominal world;
 rim: 10 mm around the opening. Sealed worlds (101 and up) differ in structure and have chosen no constant. Published:
 largest / mean, without or with correction; each source's own region stands on the other page. The axial force of
-coarse cells is [too high](../methods/shell_sheet.md#axial-force), so that the simulated machine bears 1.8 times what its
-rig says (`shell`: 1.55). The last column has the mean axial force of the hardest contour over the rig's limit: where it
-exceeds 1 this sheet cannot say whether a real machine forms the part. What ended early met the raised limit (1203, 1405).
+coarse cells is [too high](../methods/shell_sheet.md#axial-force), so that the simulated machine bears 1.8 times what
+its rig says (`shell`: 1.55). The last column has the mean axial force of the hardest contour over the rig's limit:
+where it exceeds 1 this sheet cannot say whether a real machine forms the part. What ended early met the raised limit
+(1203, 1405).
 
 {shell_table(rows)}
 """
