@@ -40,6 +40,10 @@ def contour_label(index: int) -> str:
     return f"contour {index + 1}"
 
 
+STANDS_STILL = 1.0e-4
+"""m in the plane that a support tool moves at most while it waits: what compensations leave it."""
+
+
 @dataclass(frozen=True)
 class Contour:
     """One closed (or open) path of the tools at one level, N points.
@@ -102,6 +106,12 @@ class Contour:
     def has_support(self) -> bool:
         """True when the contour moves a support tool."""
         return len(self.support_tip) > 0
+
+    @property
+    def support_waits(self) -> bool:
+        """True when the support tool stands still below the sheet while the other one forms."""
+        tip = self.support_tip[:, :2]
+        return len(tip) > 1 and bool(np.all(np.ptp(tip, axis=0) < STANDS_STILL))
 
     @property
     def force_controlled(self) -> bool:

@@ -165,7 +165,9 @@ def places_for(
 
     Raises IsfError MEASUREMENT_REFUSED for a place out of reach, or where the property cannot be measured.
     """
-    wall = contour if contour is not None and contour.has_support and contour.forming_tool == 1 else None
+    wall = contour
+    if contour is None or not contour.has_support or contour.support_waits or contour.forming_tool != 1:
+        wall = None
     if len(settings.places):
         places = [_place_at(point, geometry, wall) for point in settings.places]
     else:

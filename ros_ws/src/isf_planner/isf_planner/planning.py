@@ -80,8 +80,9 @@ def plan(job_file: JobFile, *, progress: Progress | None = None, cancelled: Canc
     part_warnings = tuple(warnings)
     step("tools", 0.9)
     plan_id = processes.plan_id(job_file)
-    contours, reported = process.contours(part, job_file, plan_id)
-    warnings += reported
+    made, reported = process.contours(part, job_file, plan_id)
+    contours, waits = support_tool.waiting(made, job)
+    warnings += (*reported, *waits)
     warnings += (*tool_paths.left_out(contours, job), *support_tool.rule_warnings(contours, planned, job_file))
     contours, expected = finish(contours, job_file)
     warnings += (*tool_paths.left_to_sine_law(planned, job), *expected)
@@ -143,7 +144,7 @@ def replan(before: Plan, job_file: JobFile) -> Plan:
     part_checks.check_fit(mesh_checks.PlacedPart(mesh, -float(mesh.vertices[:, 2].min()), ()), job, job_file.rig)
     sides = replanning.with_tools(base, job)
     plan_id = processes.plan_id(job_file)
-    made = tool_paths.make_contours(list(sides), job_file, plan_id)
+    made, waits = support_tool.waiting(tool_paths.make_contours(list(sides), job_file, plan_id), job)
     ruled = support_tool.rule_warnings(made, sides, job_file)
     contours, expected = finish(made, job_file)
     part_checks.check_machine(contours, job, job_file.rig)
@@ -155,7 +156,7 @@ def replan(before: Plan, job_file: JobFile) -> Plan:
     pressing += near
     pressing += check_upright(contours, sides, before.target, job_file) if _beyond_tip(job) else ()
     left = tool_paths.left_to_sine_law(sides, job)
-    reported = tuple(dict.fromkeys((*base.reported, *ruled, *left, *expected, *held, *pressing)))
+    reported = tuple(dict.fromkeys((*base.reported, *waits, *ruled, *left, *expected, *held, *pressing)))
     tree, ball = merged(sides), job.tool_1.ball_radius
     return replace(
         before,

@@ -70,6 +70,7 @@ def changed_example(name: str, changed: dict[str, str], begin: str) -> tuple[str
         ("ren_cone", {}, "99 mm between the part and the clamp"),
         ("ren_cone_on_blank", {}, ""),
         ("ren_cone_plate", {}, ""),
+        ("ren_cone_plate_dsif", {}, ""),
         ("ren_cone_plate", {"[76 mm, 76 mm]": "[90 mm, 90 mm]"}, ""),
         ("ren_cone_plate", {"[76 mm, 76 mm]": "[120 mm, 120 mm]"}, "23 mm between the part and the backing plate"),
         # 6 mm away beside the plate's long sides, 37 mm beside the short ones
@@ -90,8 +91,8 @@ def test_a_sheet_that_nothing_holds_near_the_part_is_warned_of(name: str, change
     sinks = {"99": 6.0, "93": 5.8, "23": 2.9, "37": 3.6}  # mm: 0.6 times the root
     assert not free or f"sinks by about {sinks[free[:2]]} mm" in warned[0]
     assert not free or ("path.support: on_blank" in warned[0]) == ("process: DSIF" in text)
-    if free and "process: SPIF" in text:
-        opening = 76 if "plate" in name else 94  # r = 37.02 and 45.71 mm, 0.9 mm beside it, whole mm
+    if free:
+        opening = 94 if name == "spif_cone" else 76  # r = 45.71 and 37.02 mm, 0.9 mm beside it, whole mm
         assert f"closer to the opening ({{shape: circle, size: [{opening} mm, {opening} mm]}})" in warned[0]
 
 
@@ -162,6 +163,7 @@ def test_a_support_tool_under_the_blank_that_sheds_chips_is_warned_of(changed: d
         ("mini_cone", 45, 5, 10),
         ("ren_cone_on_blank", 50, 21, 42),
         ("ren_cone_plate", 50, 21, 42),
+        ("ren_cone_plate_dsif", 50, 21, 42),
     ],
 )
 def test_examples_are_planned_without_a_warning(name: str, angle: float, depth: float, contours: int) -> None:

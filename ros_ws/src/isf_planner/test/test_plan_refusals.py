@@ -43,11 +43,21 @@ def test_part_larger_than_the_clamp(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("process", "opening", "meets"),
-    # the entry fillet begins 2.5 mm outside of the opening of 30 mm radius; the lower tool needs 5 mm more, beside it
-    [("SPIF", 66.0, ""), ("SPIF", 58.0, "into the backing plate"), ("DSIF", 66.0, "lower tool"), ("DSIF", 80.0, "")],
+    # the entry fillet begins 2.5 mm outside of the opening of 30 mm radius; the lower tool needs 5 mm more, beside it,
+    # and can wait for that while a contour does not run on into the next one
+    [
+        ("SPIF", 66.0, ""),
+        ("SPIF", 58.0, "into the backing plate"),
+        ("DSIF", 66.0, ""),
+        ("DSIF, path: {style: spiral}", 66.0, "lower tool"),
+        ("DSIF", 80.0, ""),
+    ],
 )
 def test_a_backing_plate_in_the_way(tmp_path: Path, process: str, opening: float, meets: str) -> None:
+    process, _, path = process.partition(", path: ")
     job = job_for(write(Cone(opening=0.03).mesh(50e-6), tmp_path / "a.stl"), process=process)
+    if path:
+        job = JobFile(job.text.replace("path: {", f"path: {{{path.strip('{}')}, "), job.base)
     plate = f"backing_plate: {{shape: circle, size: [{opening:g} mm, {opening:g} mm]}}"
     job = JobFile(f"{job.text}\n{plate}", job.base)
     if not meets:

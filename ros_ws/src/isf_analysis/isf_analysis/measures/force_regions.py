@@ -109,15 +109,17 @@ class ContactLoss:
 
 
 def path_forces(results: Sequence[ContourResult], contours: Sequence[Contour] = ()) -> tuple[PathForce, ...]:
-    """Force along every contour that had a support tool and reached at least three points.
+    """Force along every contour that had a support tool in work and reached at least three points.
 
-    ``contours`` that were to be formed have the set-points of the points, which results have by ticks alone.
+    ``contours`` that were to be formed have the set-points of the points, which results have by ticks alone, and say
+    where the support tool waits.
     """
     planned = {contour.index: contour.support_force for contour in contours}
+    waits = {contour.index for contour in contours if contour.support_waits}
     found = (
         _path_force(result, planned.get(result.index, np.empty(0)))
         for result in results
-        if len(result.support_force) >= 3
+        if len(result.support_force) >= 3 and result.index not in waits
     )
     return tuple(item for item in found if item is not None)
 

@@ -20,6 +20,7 @@ from isf_core.types import Array, Indices
 from isf_planner.checks.mesh_slicing import slice_mesh
 from isf_planner.part.mesh_checks import place_text
 from isf_planner.part.meshes import Mesh
+from isf_planner.paths import support_tool
 
 PLATE_TOLERANCE = 0.1e-3
 """m, by which the sheet may be pressed into a backing plate: against its edge it is, where the opening is that of the
@@ -81,16 +82,8 @@ def check_backing_plate(contours: Sequence[Contour], job: Job) -> None:
                 where=f"{contour_label(index[worst])} at {place_text(contact[worst])}",
                 advice=f"give its opening {_tenths(most)} mm more on each side (backing_plate)",
             )
-    if job.tool_2 is None:
-        return
-    index, tip = _points(
-        [
-            (contour.index, contour.support_tip if contour.forming_tool == 1 else contour.forming_tip)
-            for contour in contours
-        ]
-    )
-    missing = job.tool_2.radius - plate.inside(tip[:, 0], tip[:, 1])
-    if (missing > 0.0).any():
+    index, missing, tip = _into_edge(contours, plate, job)
+    if job.tool_2 is not None and (missing > 0.0).any():
         worst = int(np.argmax(missing))
         raise IsfError(
             ErrorCode.PART_DOES_NOT_FIT,
@@ -100,6 +93,20 @@ def check_backing_plate(contours: Sequence[Contour], job: Job) -> None:
             advice=f"give its opening {_tenths(missing[worst])} mm more on each side (backing_plate), or form "
             "with one tool (process SPIF)",
         )
+
+
+def _into_edge(contours: Sequence[Contour], plate: BackingPlateSpec, job: Job) -> tuple[Indices, Array, Array]:
+    """(N,) contour, (N,) m by which the lower tool would run into the plate's edge, and (N, 3) m of its tips; nothing
+    of one tool."""
+    if job.tool_2 is None:
+        return np.empty(0, dtype=np.int64), np.empty(0), np.empty((0, 3))
+    index, tip = _points(
+        [
+            (contour.index, contour.support_tip if contour.forming_tool == 1 else contour.forming_tip)
+            for contour in contours
+        ]
+    )
+    return index, job.tool_2.radius - plate.inside(tip[:, 0], tip[:, 1]), tip
 
 
 def check_held(contours: Sequence[Contour], mesh: Mesh, job: Job, rig: Rig) -> tuple[str, ...]:
@@ -138,11 +145,11 @@ def nearer_plate(contours: Sequence[Contour], mesh: Mesh, job: Job, rig: Rig) ->
 
     Round or rectangular in whole mm; cut along the part where such a plate would leave the sheet free beyond
     :data:`NEAR`, as one does whose opening lies off the middle of the clamp. None where the sheet is held within
-    :data:`FREE_SHEET`, where no plate lies closer than what holds it, and for two tools: the lower one would have to
-    get between the part and the plate.
+    :data:`FREE_SHEET`, where no plate lies closer than what holds it, and where it leaves a lower tool no room even
+    after it has waited.
     """
     free = free_sheet(contours, job, rig)
-    if job.process != "SPIF" or free <= FREE_SHEET:
+    if job.process not in ("SPIF", "DSIF") or free <= FREE_SHEET:
         return None
     places = _openings(contours)[:, :2]
     sections = [section.points for section in slice_mesh(mesh, np.array([-PLATE_TOLERANCE]))[0] if section.closed]
@@ -156,7 +163,14 @@ def nearer_plate(contours: Sequence[Contour], mesh: Mesh, job: Job, rig: Rig) ->
     if left > NEAR:
         plate = _along_part(contours, sections)
         left = float(plate.inside(*places.T).max())
-    return plate if left < free else None
+    return plate if left < free and _leaves_room(contours, plate, job) else None
+
+
+def _leaves_room(contours: Sequence[Contour], plate: BackingPlateSpec, job: Job) -> bool:
+    """Whether the lower tool of a job, where there is one, gets past ``plate``, at the latest once it has waited."""
+    over = job.model_copy(update={"backing_plate": plate})
+    placed, _ = support_tool.waiting(contours, over)
+    return not (_into_edge(placed, plate, job)[1] > 0.0).any()
 
 
 def _along_part(contours: Sequence[Contour], sections: Sequence[Array]) -> BackingPlateSpec:

@@ -1,6 +1,7 @@
 """The support tool: where it goes, the force it is asked to press with, and what the job's ``force_rules`` come to.
 
-It stands opposite the contact, or under the blank along the first contour (DSIF). Both tools are given point by point
+It stands opposite the contact, or under the blank along the first contour (DSIF); where the backing plate leaves it no
+room it waits below the sheet. Both tools are given point by point
 at the same path parameter, so that they arrive together (Praveen 2020, 2.5). Rules without effect, and forces that
 shed chips, are warned of.
 """
@@ -8,11 +9,12 @@ shed chips, are warned of.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 from isf_core.contour import Contour, contour_label
 from isf_core.files.job import ForceRule, Job, JobFile, WallFacts, holds, ruled_forces
-from isf_core.files.tooling import ToolSpec
+from isf_core.files.tooling import BackingPlateSpec, ToolSpec
 from isf_core.geometry.loops import area_of
 from isf_core.process import thickness_and_tips
 from isf_core.process.support_window import support_window
@@ -27,6 +29,9 @@ from isf_planner.paths.loop_family import matched
 
 CHORD = 1.0e-3
 """m of path before and after a point over which its turn is taken."""
+
+WAITING_DEPTH = 5.0e-3
+"""m between the lower face of the sheet and the tip of a lower tool that waits (assumed)."""
 
 EVENLY = 3.0e-3
 """m of path of the forming tool, standard deviation, over which the place of a support tool under the blank is evened
@@ -44,6 +49,44 @@ def opposite(contact: Array, normal: Array, gap: Array, tool: ToolSpec, away: Ar
     """
     tip = thickness_and_tips.support_tip(contact, normal, tool.ball_radius, gap, upper=upper)
     return np.asarray(tip + tool.flat_radius * away)
+
+
+def waiting(contours: Sequence[Contour], job: Job) -> tuple[tuple[Contour, ...], tuple[str, ...]]:
+    """``contours`` (DSIF) whose lower tool waits below the sheet until the backing plate leaves it room, and a warning
+    that says so.
+
+    Over a plate near the opening the first contours lie closer to its edge than the lower tool is wide: they are formed
+    by the upper tool alone, held by the plate. The lower one stands still meanwhile, below the place where it is wanted
+    first, deeper than the forming tool gets by then; it rises to it straight. So only contours from the first one on,
+    which do not run on into the next one; what else meets the plate is left to
+    :func:`isf_planner.checks.backing_plate.check_backing_plate`, as are contours none of which leaves room.
+    """
+    plate, tool, path = job.backing_plate, job.tool_2, job.path
+    opposite = job.process == "DSIF" and path.support == "opposite"
+    if plate is None or tool is None or not opposite or (path.style, path.transition) != ("contours", "step"):
+        return tuple(contours), ()
+    clear = next((k for k, contour in enumerate(contours) if _has_room(contour, plate, tool)), None)
+    before = contours[:clear]
+    if not clear or any(contour.forming_tool != 1 for contour in contours[: clear + 1]):
+        return tuple(contours), ()
+    first = contours[clear]
+    lowest = min(float(contour.forming_tip[:, 2].min()) for contour in contours[: clear + 1])
+    place = np.array([*first.support_tip[0, :2], lowest - job.sheet.thickness - WAITING_DEPTH])
+    waits = [
+        replace(contour, support_tip=np.tile(place, (len(contour), 1)), support_force=np.empty(0)) for contour in before
+    ]
+    depth = 1e3 * abs(float(first.forming_tip[:, 2].min()))
+    told = (
+        f"the lower tool waits below the sheet until {contour_label(clear)}, {depth:.1f} mm deep: before, the backing "
+        f"plate leaves its radius of {1e3 * tool.radius:.2f} mm no room"
+    )
+    return (*waits, *contours[clear:]), (told,)
+
+
+def _has_room(contour: Contour, plate: BackingPlateSpec, tool: ToolSpec) -> bool:
+    """Whether the support tool opposite ``contour`` is clear of the plate; not where it waits for a wider one."""
+    tip = contour.support_tip
+    return not contour.support_waits and bool(np.all(plate.inside(tip[:, 0], tip[:, 1]) >= tool.radius))
 
 
 def along_first(first: Array, points: Array, *, closed: bool) -> Array:
