@@ -43,6 +43,7 @@ SLOW = {
     "ren_cone",
     "ren_cone_on_blank",
     "ren_cone_plate",
+    "ren_cone_plate_dsif",
     "ren_funnel",
     "free_form",
     "lu_asymmetric",
