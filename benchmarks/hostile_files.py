@@ -53,10 +53,10 @@ from damaged import (  # noqa: E402
 from isf_analysis.measures.plan_mask import shapes_of  # noqa: E402
 from isf_cell.campaign.rows_file import read_rows  # noqa: E402
 from isf_cell.commands.calibrate_cell import calibrate_file  # noqa: E402
-from isf_cell.commands.compare import load_shape  # noqa: E402
 from isf_cell.commands.identify_dial import read_dial  # noqa: E402
 from isf_cell.commands.resume import Request  # noqa: E402
 from isf_cell.replay import what_if  # noqa: E402
+from isf_cell.shape_file import load_shape  # noqa: E402
 from isf_core.errors import ErrorCode, IsfError  # noqa: E402
 from isf_core.files import archive  # noqa: E402
 from isf_core.files.campaign import CampaignFile  # noqa: E402

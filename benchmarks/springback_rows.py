@@ -15,8 +15,9 @@ from typing import Any
 
 import numpy as np
 from isf_analysis.measures.deviation import BANDS, Deviation, compare
+from isf_analysis.measures.expected_error import expected_error, overconfident, reached_over_expected
 from isf_analysis.measures.record import PartRecord
-from isf_analysis.measures.summary import MM
+from isf_analysis.measures.summary import MM, scan_errors_of
 from isf_cell import in_process
 from isf_cell.campaign.content import job_content
 from isf_cell.options import RunOptions
@@ -53,7 +54,28 @@ def run(case: Case, name: str, digest: str, maps: Path) -> dict[str, Any]:
     row["rig_N"] = job_file.rig.limits.force[2]
     row["wall_s"], row["cpu_s"] = round(time.perf_counter() - started, 1), round(time.process_time() - used, 1)
     row |= {name: record.sheet[name] for name in ("elements", "kinetic_over_plastic") if name in record.sheet}
-    return {**row, **numbers(record), **_shape(record, maps / f"{name}.npz" if case.world == 0 else None)}
+    shape = _shape(record, maps / f"{name}.npz" if case.world == 0 else None)
+    return {**row, **numbers(record), **shape, "expected": _expected(record)}
+
+
+def _expected(record: PartRecord) -> dict[str, float] | None:
+    """What the correction expected of wall and base: largest and mean error, mm; None: not known."""
+    found = expected_error(record, scan_errors_of(record))
+    return {"max": round(MM * found.largest, 4), "mean": round(MM * found.mean, 4)} if found.known else None
+
+
+def ratio(row: dict[str, Any]) -> float | None:
+    """Reached over expected largest error of a whole part; None where one of them is not known."""
+    expected, reached = row.get("expected"), row.get("wall_and_base")
+    if row["code"] or not expected or not reached:
+        return None
+    return reached_over_expected(expected["max"], reached["max"])
+
+
+def is_overconfident(row: dict[str, Any]) -> bool:
+    """True of a whole part whose largest error is more than 1.5 times what was expected."""
+    found = ratio(row)
+    return bool(found is not None and overconfident(1.0, found))
 
 
 def numbers(record: PartRecord) -> dict[str, Any]:

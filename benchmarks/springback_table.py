@@ -94,7 +94,11 @@ def _reported(row: dict[str, Any]) -> str:
     if row["code"]:
         return f"{what}: ended at contour {row['contours']} of {row['planned']}, {row['code']}"
     error = row.get("wall_and_base")
-    return f"{what}: {error['max']:.2f} / {error['mean']:.2f} mm, {row['cpu_s']:.0f} s" if error else f"{what}: no scan"
+    if not error:
+        return f"{what}: no scan"
+    expected = row["expected"]
+    told = f"{expected['max']:.2f} / {expected['mean']:.2f} mm" if expected else "not known"
+    return f"{what}: {error['max']:.2f} / {error['mean']:.2f} mm, expected {told}, {row['cpu_s']:.0f} s"
 
 
 @contextmanager
@@ -161,6 +165,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     fast = options.sheet == "fast"
     shown = [row for row in shown if (springback_rows.sheet_of(row) == "fast") == fast]
     print(springback_page.table(shown) if fast else springback_page.shell_table(shown))
+    told = [row for row in shown if springback_rows.ratio(row) is not None]
+    over = sum(springback_rows.is_overconfident(row) for row in told)
+    print(f"\n{over} of {len(told)} whole parts that expected an error came out worse than 1.5 times that")
     if options.page or options.only_page:
         maps = options.rows.parent / "maps"
         if fast:

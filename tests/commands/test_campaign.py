@@ -165,3 +165,19 @@ def test_a_whole_part_beyond_its_machine_is_told_on_the_page() -> None:
     assert "1 whole part(s) took more force than their machine bears" in page
     assert "contour 2: tool 1 took &lt;2560 N&gt;" in page
     assert "took more force" not in campaign_page("small", rows[1:], 1, "name: small", 1, None)
+
+
+def test_parts_worse_than_expected_are_counted_by_method_and_those_that_cannot_tell_in_none() -> None:
+    def row(variant: int, reached: float, expected: float | None, code: int = 0) -> CampaignRow:
+        known = {"max_mm": reached, "expected_max_mm": expected, "expected_mean_mm": expected and 0.5 * expected}
+        return CampaignRow("cone", "elastic", variant, 0, "fast", str(variant), "s", "1", code=code, **known)
+
+    rows = [row(0, 1.4, 1.0), row(1, 1.6, 1.0), row(2, 9.0, None), row(3, 9.0, 1.0, code=1405)]
+    assert [row.overconfident for row in rows] == [False, True, False, False]
+    assert [row.reached_over_expected for row in rows] == [1.4, 1.6, None, None]
+    page = campaign_page("small", rows, 4, "name: small", 1, None)
+    assert '<td class="n">1 of 2</td>' in page
+    silent = [replace(row, expected_max_mm=None, expected_mean_mm=None) for row in rows]
+    page = campaign_page("small", silent, 4, "name: small", 1, None)
+    assert "not known" in page
+    assert "0 of" not in page.split("Methods side by side")[1].split("</table>")[0]

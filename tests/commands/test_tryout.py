@@ -20,11 +20,13 @@ from isf_analysis.measures.summary import summary as measured
 from isf_cell import in_process
 from isf_cell.commands.exit_codes import Exit
 from isf_cell.commands.tryout import SetUp, Tryout, _bands, _folder, _set_ups, _tried, try_out
+from isf_cell.corrected_plan import corrected_ahead
 from isf_cell.options import RunOptions
 from isf_cell.replay.recorded_run import read_run
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files import yaml_file
 from isf_core.files.job import JobFile, load_job
+from isf_core.simulated_sheet import SheetKind
 from isf_core.types import Array
 from isf_planner import plan
 from isf_springback.estimators import learning
@@ -62,7 +64,7 @@ def faster(job: Path, *others: tuple[str, str]) -> Path:
 def done(tmp_path_factory: pytest.TempPathFactory) -> Done:
     base = tmp_path_factory.mktemp("tryout")
     job = faster(quick_cone_file(base, step="2.5 mm"))
-    wanted = Tryout(job, sheet="fast", steps=1, variants=(1, 2), checks=(21,))
+    wanted = Tryout(job, sheet="fast", steps=1, variants=(1, 2), checks=(21,), check_sheet="fast")
     try_out(wanted, base / "out", as_json=False)
     return Done(wanted, base / "out", summary_of(base / "out"))
 
@@ -107,6 +109,16 @@ def test_its_job_forms_the_chosen_part_wherever_it_is_taken(done: Done, tmp_path
     assert read_bag(done.folder / "first" / "variant_1").control_rate == 100.0
 
 
+def test_its_job_is_exported_with_the_contours_of_the_chosen_part(done: Done) -> None:
+    job = load_job(done.folder / "job.yaml")
+    made = corrected_ahead(plan(job), job)
+    chosen = read_bag(done.folder / str(done.summary["chosen"]).replace(" ", "_") / "variant_1")
+    for contour, wanted in zip(made.plan.contours, chosen.corrected, strict=True):
+        assert np.abs(contour.forming_tip - wanted.forming_tip).max() <= 1e-9
+        assert np.abs(contour.support_tip - wanted.support_tip).max() <= 1e-9
+    assert made.plan.origin[1].startswith("correction file plan.npz, from: try-out on the simulated sheet")
+
+
 def test_what_to_expect_is_that_of_the_other_variants(done: Done) -> None:
     checks = done.summary["checks"]
     expected = done.summary["expected"]
@@ -115,6 +127,19 @@ def test_what_to_expect_is_that_of_the_other_variants(done: Done) -> None:
     assert [check["variant"] for check in checks] == [21]
     assert expected["mean_mm"]["worst"] == checks[0]["mean_mm"]
     assert expected["from_variants"] == [21]
+
+
+def test_a_part_formed_from_it_expects_what_the_other_variants_came_to(done: Done) -> None:
+    expected = done.summary["expected"]
+    assert isinstance(expected, dict)
+    known = learning.load(done.folder / "plan.npz")
+    assert known.tried is not None
+    assert known.tried.shape == (1, len(known.contour))
+    found = measured(in_process.form(load_job(done.folder / "job.yaml"), RunOptions(variant=3)))["expected_error"]
+    assert found["largest_mm"] == pytest.approx(expected["largest_mm"]["median"], rel=0.15)
+    assert found["mean_mm"] == pytest.approx(expected["mean_mm"]["median"], rel=0.15)
+    assert found["stands_on"] == "parts formed before, real or tried (springback.learning)"
+    assert found["reached_over_expected"] > 0.0
 
 
 def test_it_goes_on_where_it_was(done: Done) -> None:
@@ -135,7 +160,7 @@ def test_a_part_of_another_correction_is_formed_anew(done: Done) -> None:
     plan = done.folder / "step_1.npz"
     known = learning.load(plan)
     learning.save(replace(known, push=known.push + 1e-3), plan)
-    made = [*done.folder.glob("step_1/variant_1"), *done.folder.glob("check_of_step_1/variant_21")]
+    made = [*done.folder.glob("step_1/variant_1"), *done.folder.glob("check_of_step_1_on_fast/variant_21")]
     before = [bag.stat().st_mtime_ns for bag in made]
     try_out(done.wanted, done.folder, as_json=False)
     assert all(bag.stat().st_mtime_ns > time for bag, time in zip(made, before, strict=True))
@@ -186,10 +211,11 @@ def test_scans_of_the_real_part_are_held_against_those_of_the_chosen_one(tmp_pat
     """The parts tried are not scanned between contours; the chosen one is, and its plan says what was seen."""
     scans = ("method: analytic", "method: analytic\n  scan_every: 1\n  scan_sensor: true")
     job = faster(quick_cone_file(tmp_path, step="2.5 mm"), scans)
-    try_out(Tryout(job, sheet="fast", steps=1, checks=(21,)), tmp_path / "out", as_json=False)
+    wanted = Tryout(job, sheet="fast", steps=1, checks=(21,), check_sheet="fast")
+    try_out(wanted, tmp_path / "out", as_json=False)
     folder, chosen = tmp_path / "out", str(summary_of(tmp_path / "out")["chosen"])
     scanned = {path.parent.name for path in folder.glob("*/variant_*") if read_bag(path).scans}
-    assert scanned == {"first", f"scans of {chosen}".replace(" ", "_"), f"check of {chosen}".replace(" ", "_")}
+    assert scanned == {"first", f"scans of {chosen}".replace(" ", "_"), f"check of {chosen} on fast".replace(" ", "_")}
     text = read_bag(folder / f"scans_of_{chosen.replace(' ', '_')}" / "variant_0").job_text
     assert yaml.safe_load(text)["springback"]["scan_sensor"] is False
     plan = learning.load(folder / "plan.npz")
@@ -261,6 +287,7 @@ def test_a_variant_that_had_a_say_is_no_check(tmp_path: Path, capsys: pytest.Cap
     summary = summary_of(tmp_path / "out")
     assert summary["checks"] == []
     assert summary["expected"]["from_variants"] == [0, 21]  # type: ignore[index]
+    assert summary["expected"]["stands_on"].endswith("no check of it")  # type: ignore[index]
 
 
 def test_a_part_out_of_tolerance_on_the_variants_it_is_checked_on_is_not_called_good(tmp_path: Path) -> None:
@@ -268,12 +295,69 @@ def test_a_part_out_of_tolerance_on_the_variants_it_is_checked_on_is_not_called_
     job = faster(
         quick_cone_file(tmp_path, step="2.5 mm"), ("control:\n", "tolerance: {shape: 2 mm, share: 0.6}\ncontrol:\n")
     )
-    try_out(Tryout(job, sheet="fast", variants=(1,), checks=(0,)), tmp_path / "out", as_json=False)
+    wanted = Tryout(job, sheet="fast", variants=(1,), checks=(0,), check_sheet="fast")
+    try_out(wanted, tmp_path / "out", as_json=False)
     summary = summary_of(tmp_path / "out")
     assert summary["chosen"] == "first"
     assert summary["within_tolerance"] is False
     (told,) = summary["prevented_by"]  # type: ignore[misc]
     assert "out of tolerance on variants that had no say in it: 0 (41 %)" in told
+
+
+LOOSE = ("control:\n", "tolerance: {shape: 9 mm, share: 0.5}\ncontrol:\n")
+
+
+def test_the_model_of_a_try_out_does_not_judge_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """By the tolerance of this job the first part is good; it is formed again on other cells, with another speed."""
+    job = quick_cone_file(tmp_path, step="2.5 mm")
+    text = re.sub(r"tool_2:\n  radius: .*\n|  (support_force|engage_depth): .*\n", "", job.read_text(encoding="utf-8"))
+    job.write_text(text, encoding="utf-8")
+    faster(job, ("process: DSIF", "process: SPIF"), LOOSE)
+    wanted, out = Tryout(job, sheet="fast", checks=(21,)), tmp_path / "out"
+    try_out(wanted, out, as_json=False)
+    summary = summary_of(out)
+    judged, found = read_bag(out / "check_of_first_on_shell_coarse" / "variant_21"), read_bag(out / "first/variant_0")
+    assert (found.sheet["model"], judged.sheet["model"]) == ("fast", "shell_coarse")
+    assert judged.scan is not None
+    assert judged.target is not None
+    expected: Any = summary["expected"]
+    reached = 1e3 * compare(judged.scan, judged.target).whole.mean_abs
+    assert expected["mean_mm"]["worst"] == pytest.approx(reached, rel=1e-6)
+    assert (expected["from_sheet"], expected["from_variants"]) == ("shell_coarse", [21])
+    told = "variant 21, which had no say in it, and on the sheet shell_coarse, of other cells and tool speed"
+    assert told in expected["stands_on"]
+    assert told in " ".join(capsys.readouterr().err.split())
+    bag = out / "check_of_first_on_shell_coarse" / "variant_21"
+    time = bag.stat().st_mtime_ns
+    try_out(wanted, out, as_json=False)
+    assert bag.stat().st_mtime_ns == time, "it goes on where it was"
+    assert summary_of(out) == summary
+    try_out(replace(wanted, check_sheet="fast"), out, as_json=False)
+    captured = capsys.readouterr()
+    assert "judged by the sheet fast that it was found on" in " ".join(captured.err.split())
+    anew: Any = summary_of(out)["expected"]
+    assert anew["from_sheet"] == "fast"
+    assert "that it was found on, too" in anew["stands_on"]
+    assert anew["mean_mm"] != expected["mean_mm"]
+
+
+@pytest.mark.parametrize(
+    ("sheet", "judge"),
+    [("fast", "shell_coarse"), ("shell_coarse", "shell"), ("shell", "shell_coarse"), ("shell_fine", "shell")],
+)
+def test_the_sheet_of_the_checks_is_another_one(sheet: SheetKind, judge: SheetKind) -> None:
+    assert Tryout(Path("job.yaml"), sheet=sheet).judge == judge
+    assert Tryout(Path("job.yaml"), sheet=sheet, check_sheet="shell_fine").judge == "shell_fine"
+
+
+def test_what_no_check_can_be_formed_on_is_refused_before_a_part_is_formed(tmp_path: Path) -> None:
+    job, out = quick_cone_file(tmp_path), tmp_path / "out"
+    with pytest.raises(IsfError, match="the fast sheet does not know a support tool that holds") as caught:
+        try_out(Tryout(job, check_sheet="fast"), out, as_json=False)
+    assert (caught.value.where, caught.value.advice) == ("--check-sheet fast", "take shell")
+    with pytest.raises(IsfError, match="no part is checked"):
+        try_out(Tryout(job, checks=(), check_sheet="shell"), out, as_json=False)
+    assert not out.exists()
 
 
 def test_horizontal_corrections_which_no_plan_has_are_not_taken_for_an_answer_to_a_probe(tmp_path: Path) -> None:
@@ -393,8 +477,9 @@ PLATE = "backing_plate: {{shape: circle, size: [{0} mm, {0} mm]}}"
 def test_the_best_set_up_is_gone_on_with(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """One of the others cannot be formed, which is told and does not end the try-out."""
     job = faster(quick_cone_file(tmp_path, step="2.5 mm"), ("method: analytic", "method: none"))
-    ways = (PLATE.format(30), f"{PLATE.format(60)},\n  springback: {{method: analytic}}")
-    try_out(Tryout(job, sheet="fast", steps=1, checks=(21,), alternatives=ways), tmp_path / "out", as_json=False)
+    ways = (PLATE.format(24), f"{PLATE.format(60)},\n  springback: {{method: analytic}}")
+    wanted = Tryout(job, sheet="fast", steps=1, checks=(21,), alternatives=ways, check_sheet="fast")
+    try_out(wanted, tmp_path / "out", as_json=False)
     summary = summary_of(tmp_path / "out")
     told = capsys.readouterr().err
     assert "set-up 2 cannot be formed" in told
@@ -403,13 +488,13 @@ def test_the_best_set_up_is_gone_on_with(tmp_path: Path, capsys: pytest.CaptureF
     refused = summary["set_ups_refused"]
     assert isinstance(refused, dict)
     assert list(refused) == [ways[0]]
-    assert "edge of the backing plate" in refused[ways[0]]
+    assert "into the backing plate" in refused[ways[0]]
     (first,), (third,) = (parts_of(summary, name) for name in ("first", "set-up 3"))
     assert third["mean_mm"] < first["mean_mm"]
     for name in (
         "probe_1",
         str(summary["chosen"]).replace(" ", "_"),
-        f"check_of_{summary['chosen']}".replace(" ", "_"),
+        f"check_of_{summary['chosen']}_on_fast".replace(" ", "_"),
     ):
         (bag,) = (tmp_path / "out" / name).glob("variant_*")
         assert yaml.safe_load(read_bag(bag).job_text)["backing_plate"]["size"] == ["60 mm", "60 mm"]

@@ -31,6 +31,8 @@ def test_the_nodes_form_what_one_process_does(tmp_path: Path) -> None:
     assert result.contours == CONTOURS
     there, here = read_bag(tmp_path / "bag"), in_process.form(job_file, RunOptions(sheet="shell_coarse"))
     assert there.sheet["model"] == "shell_coarse"
+    proof = "kinetic_over_plastic"  # told in /diagnostics
+    assert there.sheet[proof] == pytest.approx(here.sheet[proof], rel=0.1)
     for planned, corrected, correction in zip(there.nominal, there.corrected, there.corrections, strict=True):
         assert correction.code == 0
         np.testing.assert_array_equal(corrected.support_tip, planned.support_tip)

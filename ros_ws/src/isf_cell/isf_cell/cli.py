@@ -78,7 +78,9 @@ def plan(
     part: Annotated[
         Path,
         typer.Argument(
-            help="job file (YAML), a mesh with --unit, a CAD file (STEP, IGES, 3MF), or a plan (.npz)", metavar="PART"
+            help="job file (YAML), a mesh with --unit, a CAD file (STEP, IGES, 3MF), a plan (.npz), a run or its bag, "
+            "or a try-out",
+            metavar="PART",
         ),
     ],
     unit: Annotated[
@@ -98,23 +100,62 @@ def plan(
     ] = None,
     colour: Annotated[
         str,
-        typer.Option(help="what --show colours: wall_angle, thickness or force of the paths, or the part's features"),
+        typer.Option(
+            help="what --show colours: wall_angle, thickness or force of the paths; carried_thickness or margin of a "
+            "plan in stages; or the part's features"
+        ),
     ] = "wall_angle",
+    per_stage: Annotated[
+        bool,
+        typer.Option("--per-stage", help="export a file for every stage: programs, tables, shapes before the part"),
+    ] = False,
+    scallop: Annotated[
+        str | None, typer.Option(help='tell the depth step for ridges between tool marks of this height: "5 um"')
+    ] = None,
+    mark_spacing: Annotated[
+        str | None, typer.Option(help='tell the depth step for tool marks so far apart along the wall: "0.5 mm"')
+    ] = None,
+    as_planned: Annotated[
+        bool, typer.Option("--as-planned", help="export contours that are not corrected for springback")
+    ] = False,
+    incomplete: Annotated[
+        bool,
+        typer.Option("--incomplete", help="of a run that tore or ended early: export what was formed all the same"),
+    ] = False,
+    base: Annotated[
+        Path | None, typer.Option(help="folder that paths in the job of a run refer to  [default: the recorded one]")
+    ] = None,
+    namespace: Namespace = None,
     output: Output = None,
     json: Json = False,
 ) -> None:
-    """Plan the contours of a part; writes a picture and a table of points. PART may be a plan file (.npz), too."""
-    from isf_cell.commands.plan import FEATURES, Wanted, is_mesh, plan_part
+    """Plan the contours of a part; writes a picture and a table of points. Of a plan file (.npz), or as a run formed
+    them, contours are only exported or shown."""
+    from isf_cell.commands.plan import FEATURES, Wanted, is_mesh, is_run, job_of_tryout, plan_part
+    from isf_cell.commands.plan_contours import wanted_marks
 
+    part = job_of_tryout(part)
+    if is_run(part):
+        refuse(context, ["--output"], "of a run nothing but --export and --show is written", "leave it out")
+    else:
+        refuse(context, ["--incomplete", "--base", "--namespace"], f"{part} is no run", "leave it out")
     if not is_mesh(part):
         refuse(context, ["--unit"], f"{part} is no mesh: a job or a plan tells the unit itself", "leave it out")
     if not export:
-        refuse(context, ["--format"], "is the format of --export", "add --export FILE, or leave it out")
+        refuse(
+            context, ["--format", "--as-planned", "--per-stage"], "is of --export", "add --export FILE, or leave it out"
+        )
     if not show and colour != FEATURES:  # whose summary is told, too
         refuse(context, ["--colour"], "is what --show colours", "add --show FILE, or leave it out")
     if part.suffix.lower() == ".npz":
         refuse(context, ["--output"], "of a plan file nothing but --export and --show is written", "leave it out")
-    plan_part(part, unit, output, Wanted(tuple(export or ()), form, tuple(show or ()), colour), as_json=json)
+        refuse(context, ["--as-planned"], "a plan file holds its contours as they are", "leave it out, or give the job")
+    if part.suffix.lower() == ".npz" or is_run(part):
+        refuse(context, ["--scallop", "--mark-spacing"], f"{part} holds no job to be changed", "give the job")
+    files, views = tuple(export or ()), tuple(show or ())
+    marks = wanted_marks(scallop, mark_spacing)
+    wanted = Wanted(files, form, views, colour, as_planned, incomplete, namespace, base, per_stage, marks)
+    plan_part(part, unit, output, wanted, as_json=json)
 
 
 @app.command()
@@ -225,6 +266,10 @@ def simulate(
     variant: Variant = 0,
     seed: Seed = 0,
     sheet: Sheet = "",
+    release: Annotated[
+        bool,
+        typer.Option("--release", help="scan the finished part out of the clamp, trimmed, too; not of the sheet fast"),
+    ] = False,
     output: Output = None,
     compare: Compare = True,
     json: Json = False,
@@ -232,7 +277,7 @@ def simulate(
     """Form a part on the simulated machine in this process, without ROS: seconds instead of minutes."""
     from isf_cell.commands.simulate import simulate_part
 
-    options = RunOptions(correction, support_force, variant, seed, sheet_kind(sheet, "--sheet"))
+    options = RunOptions(correction, support_force, variant, seed, sheet_kind(sheet, "--sheet"), release)
     simulate_part(job, options, output, compare=compare, as_json=json)
 
 
@@ -588,9 +633,43 @@ def learn(
     context: typer.Context,
     runs: Annotated[
         list[Path],
-        typer.Argument(help="run or bag folders, oldest first; of one part without --surfaces", metavar="RUN..."),
+        typer.Argument(
+            help="run or bag folders, oldest first; of one part without --surfaces; with --scan one, or the job",
+            metavar="RUN...",
+        ),
     ],
     output: Annotated[Path, typer.Option("--output", "-o", help="correction file; added to when it exists")],
+    scan: Annotated[
+        Path | None,
+        typer.Option(
+            help="scan of the part from a bench, in place of that of RUN: .ply, .npz or .csv cloud, .stl or other mesh",
+            metavar="FILE",
+        ),
+    ] = None,
+    unit: Annotated[
+        str | None, typer.Option(help="unit of a mesh or PLY cloud of --scan that carries none: mm, cm, m or in")
+    ] = None,
+    align: Annotated[
+        str | None,
+        typer.Option(
+            help="clamp: --scan lies in the frame of the clamp; fit: it is moved onto the part  [default: fit of a "
+            "part out of the clamp, else clamp]"
+        ),
+    ] = None,
+    released: Annotated[
+        bool, typer.Option("--released", help="--scan is of the part out of the clamp, trimmed or not")
+    ] = False,
+    release_of: Annotated[
+        Path | None,
+        typer.Option(
+            help="run of isf simulate --release: --scan is of a part out of the clamp, and what that of RUN moved by "
+            "when it was released is taken out  [default: it is corrected, too]",
+            metavar="RUN",
+        ),
+    ] = None,
+    as_planned: Annotated[
+        bool, typer.Option("--as-planned", help="the part of --scan was formed without a correction; of a job")
+    ] = False,
     base: Annotated[
         Path | None, typer.Option(help="folder that paths in the recorded jobs refer to  [default: the recorded one]")
     ] = None,
@@ -601,11 +680,26 @@ def learn(
     json: Json = False,
 ) -> None:
     """Learn the correction of the next part from the shapes of parts formed before."""
-    from isf_cell.commands.learn import learn_runs, learn_surfaces
+    from isf_cell.commands.learn import Bench, is_job, learn_runs, learn_scan, learn_surfaces
 
     if surfaces:
         refuse(context, ["--base"], "accuracy surfaces need no file that a job names", "leave it out")
+        refuse(context, ["--scan"], "accuracy surfaces are learned from runs alone", "leave it out")
+    if scan is None:
+        of_scan = ["--unit", "--align", "--released", "--release-of", "--as-planned"]
+        refuse(context, of_scan, "is of --scan", "add --scan FILE, or leave it out")
+    if surfaces:
         learn_surfaces(runs, output, as_json=json)
+        return
+    if scan is not None:
+        if len(runs) > 1:
+            refuse(context, ["--scan"], "is of one part", "name the run or the job of that part alone")
+        if is_job(runs[0]):
+            refuse(context, ["--base"], "the paths of a job are relative to it", "leave it out")
+        else:
+            refuse(context, ["--as-planned"], "a run tells its corrections", "leave it out, or name the job")
+        bench = Bench(scan, unit, align, released, release_of, as_planned)
+        learn_scan(runs[0], bench, output, base, as_json=json)
         return
     learn_runs(runs, output, base, as_json=json)
 
@@ -623,6 +717,14 @@ def tryout(
     check: Annotated[
         str, typer.Option(help='plants on which the result is formed again; "" for none', metavar="N,...")
     ] = "21,22",
+    judge: Annotated[
+        str,
+        typer.Option(
+            "--check-sheet",
+            help="sheet on which the result is formed again  [default: shell, of a try-out on shell or fast "
+            "shell_coarse: other cells, another tool speed]",
+        ),
+    ] = "",
     alternatives: Annotated[
         list[str] | None,
         typer.Option(
@@ -651,7 +753,8 @@ def tryout(
         raise IsfError(ErrorCode.FILE_FIELD, "names no variant", where="--variants", advice="0 is the nominal plant")
     count = jobs or len(os.sched_getaffinity(0))
     kind, ways = sheet_kind(sheet, "--sheet") or "shell_coarse", tuple(alternatives or ())
-    wanted = Tryout(job, kind, steps, of_correction, of_check, seed, count, correction, ways)
+    checked_on = sheet_kind(judge, "--check-sheet")
+    wanted = Tryout(job, kind, steps, of_correction, of_check, seed, count, correction, ways, checked_on)
     try_out(wanted, output, as_json=json)
 
 

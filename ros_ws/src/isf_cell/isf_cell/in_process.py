@@ -10,11 +10,13 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+import numpy as np
 from isf_analysis.measures.record import PartRecord
 from isf_core import __version__
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
 from isf_core.geometry.height_map import HeightMap
+from isf_core.types import Array
 from isf_planner import Plan
 
 from isf_cell.options import RunOptions
@@ -119,7 +121,17 @@ def form(
         tool_compliance=(job_file.rig.tool_1.compliance, job_file.rig.tool_2.compliance),
         axis_error=cell.machine.legs.following() if cell.machine.legs is not None else None,
         formed_sheet=cell.machine.thinned_sheet(scan) if scan is not None else None,
+        released=_released(cell) if options.release and error is None else None,
     )
+
+
+def _released(cell: InProcessCell) -> Array | None:
+    try:
+        points = cell.machine.released_shape().points()
+    except IsfError as error:
+        logging.getLogger(__name__).warning("no scan of the part out of the clamp: %s", error)
+        return None
+    return points[np.isfinite(points[:, 2])]
 
 
 def _final_scan(cell: InProcessCell) -> HeightMap | None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import LARGEST_SUPPORT_FORCE, JobFile, correction_refusal, springback_method
-from isf_core.simulated_sheet import SheetKind, default_sheet, is_structural
+from isf_core.simulated_sheet import SheetKind, default_sheet, scans_with_sensor
 
 UNCORRECTED = "none"
 """Springback method of a part that is not corrected."""
@@ -24,6 +24,7 @@ class RunOptions:
     variant : of the simulated plant, 0 = nominal; :mod:`isf_sim.variant`
     seed : seed of sensor noise and of the variant
     sheet : model that forms the simulated sheet; None: the default one of the job, :meth:`sheet_of`
+    release : the finished part is taken out of the clamp, trimmed and scanned there, too
 
     Raises
     ------
@@ -35,6 +36,7 @@ class RunOptions:
     variant: int = 0
     seed: int = 0
     sheet: SheetKind | None = None
+    release: bool = False
 
     def __post_init__(self) -> None:
         force = self.support_force
@@ -47,8 +49,17 @@ class RunOptions:
             )
 
     def check(self, job_file: JobFile) -> None:
-        """Raise IsfError FILE_FIELD for what the job has no place for: a correction, a support force."""
+        """Raise IsfError FILE_FIELD for what the job has no place for: a correction, a support force;
+        SHEET_NOT_RELEASED where the part cannot be taken out of the clamp."""
         job, force = job_file.job, self.support_force
+        if self.release and (job.process == "ADSIF" or self.sheet_of(job_file) == "fast"):
+            raise IsfError(
+                ErrorCode.SHEET_NOT_RELEASED,
+                f"the sheet {'of accumulative forming' if job.process == 'ADSIF' else 'fast'} has no shape out of the "
+                "clamp",
+                where="--release",
+                advice="leave it out, or form the part on --sheet shell_coarse, shell or shell_fine (not ADSIF)",
+            )
         if refusal := correction_refusal(job.process, self.method(job_file)):
             raise IsfError(ErrorCode.FILE_FIELD, refusal, where="--correction", advice="leave it out, or use none")
         if job.accuracy_surfaces is not None and self.method(job_file) not in (UNCORRECTED, job.springback.method):
@@ -64,10 +75,8 @@ class RunOptions:
         )
 
     def scans_with_sensor(self, job_file: JobFile) -> bool:
-        """Scans between contours are those of a scanner. The job says so; a variant of another structure has no exact
-        ones unless the job asks for them by name, ``scan_sensor: false``."""
-        asked = job_file.job.springback
-        return asked.scan_sensor or (is_structural(self.variant) and "scan_sensor" not in asked.model_fields_set)
+        """Scans between contours are those of a scanner, in place of exact ones."""
+        return scans_with_sensor(job_file.job, self.variant)
 
     def sheet_of(self, job_file: JobFile) -> SheetKind:
         """Simulated sheet of the run."""

@@ -195,14 +195,15 @@ class Contour:
     def shifted(self, offset: Array, *, support: bool = True) -> Contour:
         """Contact and both tips moved by ``offset`` (N, 3) m: gap, normals and angles stay.
 
-        Without ``support`` the tip of the support tool stays, and the gap does not.
+        Without ``support`` the tip of the support tool stays, and the gap does not. A lower tool that waits goes on
+        standing still, deeper by what the other one is pushed down at most.
         """
-        return replace(
-            self,
-            contact=self.contact + offset,
-            forming_tip=self.forming_tip + offset,
-            support_tip=self.support_tip + offset if support and self.has_support else self.support_tip,
-        )
+        tip = self.support_tip
+        if support and self.support_waits:
+            tip = tip + np.array([0.0, 0.0, min(float(offset[:, 2].min()), 0.0)])
+        elif support and self.has_support:
+            tip = tip + offset
+        return replace(self, contact=self.contact + offset, forming_tip=self.forming_tip + offset, support_tip=tip)
 
     def arc_length(self) -> Array:
         """(N,) m, distance along the forming tip path from the first point."""

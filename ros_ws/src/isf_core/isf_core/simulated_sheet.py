@@ -35,6 +35,13 @@ def is_structural(variant: int) -> bool:
     return variant in STRUCTURAL_VARIANTS or variant in SEALED_VARIANTS
 
 
+def scans_with_sensor(job: Job, variant: int) -> bool:
+    """Scans between contours are those of a scanner, in place of exact ones. The job says so; a ``variant`` of another
+    structure has no exact ones unless the job asks for them by name, ``scan_sensor: false``."""
+    asked = job.springback
+    return asked.scan_sensor or (is_structural(variant) and "scan_sensor" not in asked.model_fields_set)
+
+
 def default_sheet(job: Job) -> SheetKind:
     """The kind that ``job`` is formed on where none is named: the fast one, unless it does not know the job."""
     return DEFAULT_SHEET if _unknown_to_fast(job) is None else "shell_coarse"

@@ -55,7 +55,7 @@ RELEASE_WITHIN = 2.0
 """s, most that tools which leave the sheet hold up a driver that is to be inactive, or to end."""
 LONGEST_CATCH_UP = 0.25
 """s of cycles that are made up for when this process was kept waiting: the machine and its converters went on."""
-TARGET_LOST, TOOL_LOADED, STOP_REQUESTED, FAULTED = 1404, 1405, 1406, 1410
+TARGET_LOST, TOOL_LOADED, STOP_REQUESTED, FAULTED, NOT_RELEASED = 1404, 1405, 1406, 1410, 1414
 """Codes of docs/reference/error_codes.md."""
 
 
@@ -292,9 +292,12 @@ class Driver:
 
     # -- level 3 ---------------------------------------------------------------------------------
 
-    def _on_scan(self, _: Scan.Request, response: Scan.Response) -> Scan.Response:
+    def _on_scan(self, request: Scan.Request, response: Scan.Response) -> Scan.Response:
         if self._failed:
             response.code, response.message = FAULTED, self._failed
+            return response
+        if not request.clamped:
+            response.code, response.message = NOT_RELEASED, "the scanner sees the sheet in the clamp alone"
             return response
         points = np.ascontiguousarray(self._hardware.scan(), dtype="<f4")
         cloud = PointCloud2(height=1, width=len(points), point_step=12, row_step=12 * len(points), is_dense=True)

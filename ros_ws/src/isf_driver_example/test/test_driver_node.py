@@ -382,12 +382,13 @@ def test_hardware_that_fails_in_a_cycle_is_a_fault_of_the_driver(sender: Sender,
 def test_hardware_that_fails_in_a_service_answers_with_the_fault(sender: Sender) -> None:
     with program("lost_hardware.py", SCANNER):
         sender.begin(tared=False)
-        answer = sender.ask(Scan, "machine/scan", Scan.Request())
+        answer = sender.ask(Scan, "machine/scan", Scan.Request(clamped=True))
         assert (answer.code, answer.points) == (1410, 0)
         assert "TimeoutError: no answer from the scanner" in answer.message
         assert sender.fault() == 1410
         assert sender.ask(Tare, "machine/tare", Tare.Request()).code == 0
-        assert sender.ask(Scan, "machine/scan", Scan.Request()).code == 0
+        assert sender.ask(Scan, "machine/scan", Scan.Request(clamped=True)).code == 0
+        assert sender.ask(Scan, "machine/scan", Scan.Request(clamped=False)).code == 1414
 
 
 def test_hardware_that_is_not_there_is_told_and_tried_again(sender: Sender) -> None:

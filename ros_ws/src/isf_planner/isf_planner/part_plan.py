@@ -39,6 +39,8 @@ class Plan:
     moved : the target as the contours form it, where accuracy surfaces move it; ``target`` and ``mesh`` are the part
     preforms : surfaces that the stages before the part end with, on the grid of ``target``; none where there are none
     hold_after : contours, counted from 1, after which a part formed through the node graph waits for a person or a PLC
+    origin : where the contours come from, and what is not in them, lines for the head of a program
+    spindle : rad/s of the upper tool on each contour, positive clockwise seen from above; none where it does not turn
     """
 
     plan_id: str
@@ -55,6 +57,8 @@ class Plan:
     moved: MovedTarget | None = field(default=None, repr=False, compare=False)
     preforms: tuple[HeightMap, ...] = field(default=(), repr=False, compare=False)
     hold_after: tuple[int, ...] = field(default=(), compare=False)
+    origin: tuple[str, ...] = field(default=(), compare=False)
+    spindle: tuple[float, ...] = field(default=(), compare=False)
 
     @property
     def smallest_thickness(self) -> float:

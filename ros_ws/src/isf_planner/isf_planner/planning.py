@@ -15,6 +15,7 @@ from isf_planner import processes, replanning
 from isf_planner.accuracy.moved_target import MovedTarget, compensated
 from isf_planner.checks import backing_plate, part_checks
 from isf_planner.checks.shank_checks import check_shank, check_upright
+from isf_planner.forming import stages
 from isf_planner.forming.sides import merged
 from isf_planner.gcode.program_job import plan_of_program
 from isf_planner.part import mesh_checks
@@ -22,6 +23,7 @@ from isf_planner.part.meshes import Mesh
 from isf_planner.part_plan import Plan
 from isf_planner.paths import support_tool, tool_paths
 from isf_planner.paths.five_axis import tilt_warning, with_tool_axis
+from isf_planner.paths.spindle import spindle_speeds
 from isf_planner.predict.compensation import compensate
 from isf_planner.predict.predictions import with_predictions
 from isf_planner.processes import Cancelled, Progress, Steps, process_of
@@ -86,6 +88,8 @@ def plan(job_file: JobFile, *, progress: Progress | None = None, cancelled: Canc
     warnings += (*tool_paths.left_out(contours, job), *support_tool.rule_warnings(contours, planned, job_file))
     contours, expected = finish(contours, job_file)
     warnings += (*tool_paths.left_to_sine_law(planned, job), *expected)
+    formed = stages.with_sheet(part.stages, contours, job_file) if part.stages else ()
+    warnings += stages.strain_warnings(formed, job_file) if formed else ()
     part_checks.check_machine(contours, job, rig)
     backing_plate.check_backing_plate(contours, job)
     nominal = moved.nominal if moved else part.mesh
@@ -110,7 +114,7 @@ def plan(job_file: JobFile, *, progress: Progress | None = None, cancelled: Canc
         target,
         mesh,
         unique,
-        part.stages,
+        formed,
         partial,
         tree,
         base,
@@ -119,6 +123,7 @@ def plan(job_file: JobFile, *, progress: Progress | None = None, cancelled: Canc
         moved,
         tuple(target_surface.on_grid(stage.heights, target) for stage in part.stages[: len(part.preforms)]),
         job.path.hold_after,
+        spindle=_spindle(contours, job),
     )
 
 
@@ -167,7 +172,12 @@ def replan(before: Plan, job_file: JobFile) -> Plan:
         shank=shank,
         ball_radius=ball,
         hold_after=job.path.hold_after,
+        spindle=_spindle(contours, job),
     )
+
+
+def _spindle(contours: tuple[Contour, ...], job: Job) -> tuple[float, ...]:
+    return spindle_speeds(contours, job) if job.path.spindle != "none" else ()
 
 
 def _beyond_tip(job: Job) -> bool:

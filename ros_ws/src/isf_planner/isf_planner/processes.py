@@ -116,8 +116,9 @@ class FormingProcess(ABC):
         path = job_file.job.path
         own = step.part(0.0, 0.4 if path.stages or path.morph else 1.0)
         sides, shifts, warnings = [], [], []
-        for half in _parts(loaded, job_file):
-            side, shift, reported = _plan_half(half, job_file, own)
+        halves = _parts(loaded, job_file)
+        for half in halves:
+            side, shift, reported = _plan_half(half, job_file, own, alone=len(halves) == 1)
             sides.append(side)
             shifts.append(shift)
             warnings += reported
@@ -282,16 +283,22 @@ def _plan_preform(half: HalfPart, job_file: JobFile, step: Steps, of_part: Featu
 
 
 def _plan_half(
-    half: HalfPart, job_file: JobFile, step: Steps, of_part: FeatureMap | None = None, *, preform: bool = False
+    half: HalfPart,
+    job_file: JobFile,
+    step: Steps,
+    of_part: FeatureMap | None = None,
+    *,
+    preform: bool = False,
+    alone: bool = True,
 ) -> tuple[Side, Array, list[str]]:
     """Loops of what one tool forms, in the view of that tool; the shift (3,) m of the mesh in frame ``sheet``.
 
-    A ``preform`` and ``of_part`` as in :func:`_plan_view`.
+    ``of_part``, a ``preform`` and ``alone`` as in :func:`_plan_view`.
 
     What is told, also by an error, names places in frame ``sheet``.
     """
     try:
-        side, shift, warnings = _plan_view(half, job_file, step, of_part, preform=preform)
+        side, shift, warnings = _plan_view(half, job_file, step, of_part, preform=preform, alone=alone)
     except IsfError as error:
         what, where = (in_sheet(text, half.forming_tool, half.base) for text in (error.what, error.where))
         raise IsfError(error.code, what, where=where, advice=error.advice) from error
@@ -300,12 +307,13 @@ def _plan_half(
 
 
 def _plan_view(
-    half: HalfPart, job_file: JobFile, step: Steps, of_part: FeatureMap | None, *, preform: bool
+    half: HalfPart, job_file: JobFile, step: Steps, of_part: FeatureMap | None, *, preform: bool, alone: bool
 ) -> tuple[Side, Array, list[str]]:
     """As :func:`_plan_half`, in the view of the tool.
 
-    A ``preform`` is as steep as it was made, and is formed as deep as the tool goes: neither is a fault of the part.
-    ``of_part``: features of the part that it becomes, None without partial paths.
+    A ``preform`` is as steep as it was made, which is looked at where it is made, and is formed as deep as the tool
+    goes: neither is a fault of the part. ``alone``: this is the whole part. ``of_part``: features of the part that it
+    becomes, None without partial paths.
     """
     job, rig = swapped(job_file.job, half.forming_tool), job_file.rig
     radius = job.tool_1.ball_radius
@@ -315,8 +323,8 @@ def _plan_view(
         adsif_path.check_reachable(part.mesh, adsif_path.surface_for(job_file))
     warnings = list(part.warnings if half.base == 0.0 else ())  # told once, with the height of the flange
     if not preform:
-        limit = job.wall_angle_limit or job_file.material.max_wall_angle
-        warnings += part_checks.check_wall_angle(part.mesh, limit)
+        alone &= half.forming_tool == 1
+        warnings += part_checks.check_wall_angle(part.mesh, job, job_file.material, alone=alone)
 
     step("sampling the surface", 0.05)
     surface = target_surface.fine_surface(part.mesh, radius)

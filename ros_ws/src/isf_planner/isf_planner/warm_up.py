@@ -11,6 +11,7 @@ import numpy as np
 import trimesh
 from isf_core.files.job import JobFile
 
+from isf_planner.forming import carried_sheet
 from isf_planner.planning import plan, replan
 from isf_planner.surface import surface_kernels
 
@@ -40,7 +41,9 @@ def warm_up() -> float:
         trimesh.Trimesh(vertices, faces, process=False).export(Path(folder) / "part.stl")
         job_file = JobFile(_JOB, Path(folder))
         replan(plan(job_file), job_file)
-    surface_kernels.hung(np.zeros((3, 3)), 1.0)  # of a part in stages alone
+    surface_kernels.hung(np.zeros((3, 3)), 1.0)  # of a part in stages alone, as is the next
+    points, surface = np.zeros((1, 3)), np.zeros((3, 3))
+    carried_sheet.push(points, points.copy(), surface, np.zeros(2), 1.0, 0.0, 0.0, np.zeros(1))
     return time.perf_counter() - started
 
 

@@ -16,6 +16,9 @@ from isf_core.thinned_sheet import ThinnedSheet
 from isf_core.types import Array, Mask, Points, Stamp
 from numpy.typing import NDArray
 
+PART_FRAME = "part"
+"""Frame of a part out of the clamp: it lies as it was put down, and no transform leads to it."""
+
 SCALAR, TIME, N, N3, FLAGS, TEXTS = "scalar", "time", "(N,)", "(N, 3)", "(N,) bool", "(K,) str"
 
 _KINDS = {Points: N3, Array: N, Mask: FLAGS, Stamp: TIME, tuple[str, ...]: TEXTS}

@@ -234,6 +234,7 @@ class MachineNode(CellNode[MachineParameters]):
             "faults": ", ".join(code.name for code, _ in machine.faults) or "none",
             "late_ticks": self._late_ticks(),
             **machine.plant.worker.values(),
+            **machine.sheet_proof(),
             **(machine.legs.values() if machine.legs is not None else {}),
             **({} if self._settings.lockstep else self._privileges.values()),
         }
@@ -595,10 +596,15 @@ class MachineNode(CellNode[MachineParameters]):
             self._output.formed_sheet(conversion.thinned_sheet_to_cloud(thinned, stamp))
         self._output.scan(conversion.height_map_to_message(shape, stamp))
 
-    def publish_cloud(self, points: NDArray[np.float64]) -> None:
-        """Points (N, 3) m of a scanner on "scan"."""
-        if self._output is not None:
-            self._output.scan(conversion.points_to_cloud(points, stamps.to_stamp(self._stamp)))
+    def publish_cloud(self, points: NDArray[np.float64], *, clamped: bool) -> None:
+        """Points (N, 3) m of the sheet as it is ``clamped`` on "scan", of the part out of it on its own topic."""
+        if self._output is None:
+            return
+        cloud = conversion.points_to_cloud(points, stamps.to_stamp(self._stamp))
+        if clamped:
+            self._output.scan(cloud)
+        else:
+            self._output.released_part(cloud)
 
 
 class MachineServices:
@@ -644,7 +650,12 @@ class MachineServices:
                     clamped=request.clamped, duration=node.in_lockstep and not machine.moving
                 )
                 self._publish_in_lockstep(machine)
-                node.publish_cloud(points)
+                node.publish_cloud(points, clamped=request.clamped)
+                response.points = len(points)
+            elif not request.clamped:
+                points = machine.released_shape().points()
+                points = points[np.isfinite(points[:, 2])]
+                node.publish_cloud(points, clamped=False)
                 response.points = len(points)
             else:
                 shape = machine.measured_shape()

@@ -5,9 +5,8 @@ in the frame in which the scanner believes the sheet to be. Left out are points 
 the shadow of a tool, and in patches of shine. All sizes other than noise and duration are assumed.
 
 After release and trimming: everything further from the formed region than the trimming margin is cut off, and the part
-is levelled on its rim. The elasto-plastic sheet finds its shape without clamp and cut-off flange by equilibrium. On the
-fast sheet the change of shape by the release is left out: no more than 0.03 mm on walls (Praveen 2020, 3.1),
-practically none in the formed region (Lu 2016, 4.3.3); the flange, which moves, is cut.
+is levelled on its rim. The elasto-plastic sheet finds its shape without clamp and cut-off flange by equilibrium; the
+fast sheet cannot be released.
 """
 
 from __future__ import annotations

@@ -365,10 +365,11 @@ def _message(
     """What is published: springback along z, by the sign ``up`` of the direction against the push."""
     said = Prediction(np.empty(0)) if prediction is None else prediction
     remaining = np.empty(0)
+    cut_off = up * (push.asked - push.given)
     if len(said.expected_error):
-        remaining = said.expected_error
+        remaining = said.expected_error + cut_off if said.beside_limits else said.expected_error
     elif len(said.springback):
-        remaining = up * (push.asked - push.given)
+        remaining = cut_off
     return ContourCorrection(
         plan_id=contour.plan_id,
         index=contour.index,

@@ -9,7 +9,8 @@ Elsewhere, and at other forces, ``S_true = (1 + a) S_law + m``: a by what the la
 edge), m by what it does not know of, the springback of what is bent around the tool. They are estimated over the part
 as Gaussian processes: m and a share of a are common to the whole part, another share of a is that of the region (shape
 of the part around the place) and fades with the distance from the measured places. Every estimate comes with its
-standard deviation; without a measurement a = m = 0.
+standard deviation; without a measurement a = m = 0. Where readings lay farther from what was expected of them than
+that, it is raised by as much (ratio of Birge 1932): the law then lacks more than a and m.
 """
 
 from __future__ import annotations
@@ -112,20 +113,21 @@ _MAXIMUM_READINGS = 100
 
 @dataclass(frozen=True)
 class _Reading:
-    """m, what the ``law`` says under the load of forming, and what is ``found``."""
+    """m, what the ``law`` says under the load of forming, and what is ``found``; ``surprise``: by how many standard
+    deviations of what was expected before it."""
 
     place: Array
     law: float
     found: float
+    surprise: float
 
 
 @dataclass(frozen=True)
 class Lifted:
-    """Springback (M,) m and its standard deviation (M,) m; ``measured``: from lifts."""
+    """Springback (M,) m and its standard deviation (M,) m."""
 
     springback: Array
     deviation: Array
-    measured: bool = True
 
 
 class LiftedLaw:
@@ -156,14 +158,19 @@ class LiftedLaw:
             dent = min(max(dent, 0.0), LARGEST_DENT)
             factor = float(law @ (displacement - dent) / (law @ law))
         found = factor * float(law[0])
-        made = _Reading(np.array(place), said if said is not None and said > NOTHING else float(law[0]), found)
+        says = said if said is not None and said > NOTHING else float(law[0])
+        expected = self.at(np.array(place)[None], np.array([says]))
+        # against what was expected before surprises widened it: else each would count for less than the one before
+        doubt = float(np.hypot(expected.deviation[0] / self.spread, READING_DEVIATION))
+        made = _Reading(np.array(place), says, found, (found - float(expected.springback[0])) / doubt)
         self._readings = [*self._readings[-_MAXIMUM_READINGS + 1 :], made]
 
     def at(self, place: Array, law: Array) -> Lifted:
         """Springback at ``place`` (M, 3) m where the law says ``law`` (M,) m; before a reading just that."""
         prior = COMMON_DEVIATION**2 + REGION_DEVIATION**2
         if not self._readings:
-            return Lifted(law, np.sqrt(prior) * law, measured=False)
+            missing = np.where(law > 0.0, MISSING_DEVIATION, 0.0)
+            return Lifted(law, np.sqrt(prior * law**2 + missing**2))
         known = np.array([reading.place for reading in self._readings])
         said, found = np.array([(reading.law, reading.found) for reading in self._readings]).T
         share = np.clip(law / said[-1], 0.0, 1.0)  # without a force nothing springs back
@@ -174,7 +181,14 @@ class LiftedLaw:
         variance = prior * law**2 + missing**2 - (gain * towards).sum(axis=1)
         most = np.maximum(LARGEST_SCALE * law, law + LARGEST_MISSING * share)
         estimate = np.clip(law + gain @ (found - said), law / LARGEST_SCALE, most)
-        return Lifted(estimate, np.sqrt(np.maximum(variance, 0.0)))
+        return Lifted(estimate, self.spread * np.sqrt(np.maximum(variance, 0.0)))
+
+    @property
+    def spread(self) -> float:
+        """How far the readings lay from what was expected of them, in its standard deviations (root mean square); 1
+        where they lay nearer, or before one."""
+        surprise = [reading.surprise for reading in self._readings]
+        return max(1.0, float(np.sqrt(np.mean(np.square(surprise))))) if surprise else 1.0
 
     def share_at(self, place: Array) -> Array:
         """(M,) springback at ``place`` (M, 3) m over what the law says, where that is what it said at the newest

@@ -123,8 +123,10 @@ def test_an_estimate_converges_to_the_truth_and_knows_how_well():
     lifted, there, law = LiftedLaw(), np.array([[30e-3, 0.0, -5e-3]]), WHOLE_SHEET[:1]
     nothing = lifted.at(there, law)
     assert nothing.springback[0] == law[0]
-    assert nothing.deviation[0] == pytest.approx(np.hypot(COMMON_DEVIATION, REGION_DEVIATION) * law[0])
-    spread = [float(np.hypot(nothing.deviation[0], 0.3e-3))]  # with what a law does not know of
+    law_alone = np.hypot(COMMON_DEVIATION, REGION_DEVIATION) * law[0]
+    assert nothing.deviation[0] == pytest.approx(np.hypot(law_alone, 0.3e-3))  # with what a law does not know of
+    assert lifted.at(there, np.zeros(1)).deviation[0] == 0.0  # without a force nothing springs back
+    spread = [float(nothing.deviation[0])]
     for turn in range(6):
         place = np.array([30e-3 * np.cos(turn), 30e-3 * np.sin(turn), -5e-3 - 1e-3 * turn])
         lifted.add(*read(WHOLE_SHEET, 1.3, USUAL, place, 0.05e-3, rng))
@@ -215,6 +217,20 @@ def test_a_region_of_its_own_is_reported_from_the_whole_part():
     near, far = lifted.share_at(np.array([[40e-3, 0.0, 0.0], [-40e-3, 0.0, 0.0]]))
     assert near > 1.06
     assert abs(far - 1.0) < 0.04
+
+
+def test_lifts_that_contradict_what_was_expected_of_them_make_the_law_as_doubtful():
+    """Springback of 1.0 and 1.6 of the law in turn, at one place: no law with a factor explains it. In agreement the
+    same readings say how well they know."""
+    place = (30e-3, 0.0, -4e-3)
+    steady, torn = LiftedLaw(), LiftedLaw()
+    for turn in range(8):
+        steady.add(*read(WHOLE_SHEET, 1.3, USUAL, place))
+        torn.add(*read(WHOLE_SHEET, 1.6 if turn % 2 else 1.0, USUAL, place))
+    known, doubtful = (law.at(np.array([place]), WHOLE_SHEET[:1]) for law in (steady, torn))
+    assert steady.spread == 1.0
+    assert 2.0 < torn.spread < 8.0
+    assert doubtful.deviation[0] == pytest.approx(torn.spread * known.deviation[0], rel=1e-6)
 
 
 def softer(method):

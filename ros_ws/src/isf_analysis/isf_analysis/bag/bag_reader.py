@@ -23,11 +23,13 @@ from isf_core.files.job import Job
 from isf_core.files.rig import load_rig
 from isf_core.files.yaml_file import find_shipped
 from isf_core.thinned_sheet import ThinnedSheet
+from isf_core.types import Array
 from isf_ros import fields
 from rosbags.interfaces import Connection
 
-from isf_analysis.bag import topics
+from isf_analysis.bag import sheet_health, topics
 from isf_analysis.bag.open_bag import RECORD_WITH, OpenBag, open_bag, unreadable
+from isf_analysis.bag.sheet_health import KINETIC
 from isf_analysis.bag.topics import Topic
 from isf_analysis.measures import scan_cloud
 from isf_analysis.measures.contour_scan import ContourScan, kept_scan
@@ -36,6 +38,9 @@ from isf_analysis.measures.part_time import from_beginning
 from isf_analysis.measures.record import PartRecord, Vector
 
 NANO = 1_000_000_000
+
+AFTER_LAST_RESULT = 2 * NANO
+"""ns after the last result in which the machine has told of its sheet, once a second."""
 
 _FIELDS = {
     topics.NOMINAL: (fields.CONTOUR, Contour),
@@ -213,6 +218,10 @@ def _read_part(messages: _Messages, span: PartSpan, path: Path) -> PartRecord:
     formed_sheet, sheet_notes = _formed_sheet(
         scan_cloud.final_scans(told, formed, part.unfinished_since(results), part.last_news())
     )
+    told = [item for item in messages.of(topics.RELEASED_PART) if item[0] >= start and span.holds(item[0])]
+    released, released_notes = _released(
+        scan_cloud.final_scans(told, formed, part.unfinished_since(results), part.last_news())
+    )
     before, after = messages.states(span)
     return PartRecord(
         job_name=job.job_name,
@@ -244,16 +253,18 @@ def _read_part(messages: _Messages, span: PartSpan, path: Path) -> PartRecord:
             *notes,
             *_of_version(job.software),
             *sheet_notes,
+            *released_notes,
             *(f"not in the bag: {what}" for what in missing),
         ),
         events=tuple(event_of_message(event) for time, event in messages.of(topics.EVENT) if span.holds(time)),
         scans=_between(scans[: len(scans) - len(final)], results),
-        sheet=_sheet(job),
+        sheet=_sheet(job, messages.kinetic_over_plastic(span)),
         base_folder=getattr(job, "base_folder", ""),
         plan_warnings=tuple(getattr(job, "plan_warnings", ())),
         axis_error=_axis_error(after),
         tool_compliance=_tool_compliance(messages, job),
         formed_sheet=formed_sheet,
+        released=released,
     )
 
 
@@ -316,6 +327,16 @@ def _formed_sheet(told: list[Any]) -> tuple[ThinnedSheet | None, tuple[str, ...]
         return None, (f"{topics.FORMED_SHEET.name} is left out: {error}",)
 
 
+def _released(told: list[Any]) -> tuple[Array | None, tuple[str, ...]]:
+    """Points of the last of the parts out of the clamp that were ``told``, and why they are left out if so."""
+    if not told:
+        return None, ()
+    try:
+        return scan_cloud.points_of(told[-1]), ()
+    except IsfError as error:
+        return None, (f"{topics.RELEASED_PART.name} is left out: {error.what}",)
+
+
 def _of_version(software: str) -> tuple[str, ...]:
     """A note when another version of the software formed the part."""
     if software in ("", __version__):
@@ -341,10 +362,12 @@ def _gaps(nominal: tuple[Contour, ...], results: tuple[ContourResult, ...]) -> l
     return gaps
 
 
-def _sheet(job: Any) -> dict[str, object]:
-    """Model of the simulated sheet; empty for a real machine and for bags that do not name it yet."""
+def _sheet(job: Any, kinetic: float | None) -> dict[str, object]:
+    """Model of the simulated sheet, and its kinetic energy where it was told; empty for a real machine and for bags
+    that do not name it yet."""
     model = getattr(job, "sheet", "")
-    return {"model": model} if model else {}
+    proof = {} if kinetic is None or model == "fast" else {KINETIC: kinetic}
+    return {"model": model, **proof} if model else {}
 
 
 def _counted(before: Any, after: Any, name: str) -> int:
@@ -441,6 +464,14 @@ class _Messages:
         if first is found[-1]:
             return last, last
         return self.bag.types.deserialize_cdr(first[2], topics.MACHINE_STATE.type), last
+
+    def kinetic_over_plastic(self, span: PartSpan) -> float | None:
+        """What the simulated machine told last of its sheet during the part, and of this blank: in the second after
+        the last result it has told it, and a new blank begins at 0."""
+        ended = max((time for time, _ in self.of(topics.RESULT) if time < span.until), default=span.begun)
+        return sheet_health.kinetic_over_plastic(
+            self.bag, self._namespace, span.begun, min(span.until, ended + AFTER_LAST_RESULT)
+        )
 
     def _load(self, topic: Topic) -> Iterator[tuple[int, Any]]:
         for connection in self._connections(topic):

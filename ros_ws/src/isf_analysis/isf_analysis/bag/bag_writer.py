@@ -15,11 +15,13 @@ from isf_core.contour import Contour, ContourCorrection, ContourResult
 from isf_core.events import Event
 from isf_core.geometry.height_map import HeightMap
 from isf_core.thinned_sheet import ThinnedSheet
+from isf_core.types import Array
 from isf_ros import fields
 from numpy.typing import NDArray
 
 from isf_analysis.bag import topics
 from isf_analysis.bag.bag_file import BagFile
+from isf_analysis.bag.sheet_health import KINETIC, health_message
 from isf_analysis.bag.topics import Topic, cell_types, make_message
 from isf_analysis.measures.contour_scan import ContourScan
 from isf_analysis.measures.record import PartRecord
@@ -89,10 +91,14 @@ class _Output:
                 topics.EVENT,
                 topics.SCAN,
                 topics.FORMED_SHEET,
+                topics.RELEASED_PART,
             )
         }
 
     def write_part(self, record: PartRecord, start: int, end: int, per_second: float) -> None:
+        kinetic = record.sheet.get(KINETIC)
+        if isinstance(kinetic, float):
+            self._connections[topics.DIAGNOSTICS] = self._bag.add(topics.DIAGNOSTICS)
         self._write(topics.JOB, start, make_message(topics.JOB.type, header=_header(0.0), **job_fields(record)))
         self._write(topics.MACHINE_STATE, start, _machine_state(record, end=False))
         if record.target is not None:
@@ -119,10 +125,14 @@ class _Output:
         for event in record.events:
             self._write(topics.EVENT, min(end, max(start, start + round(event.time * per_second))), _event(event))
         self._write(topics.MACHINE_STATE, end, _machine_state(record, end=True))
+        if isinstance(kinetic, float):
+            self._write(topics.DIAGNOSTICS, end, health_message(kinetic, _header(record.sim_time)))
         if record.scan is not None:
             self._write(topics.SCAN, end, _cloud(record.scan))
         if record.formed_sheet is not None:
             self._write(topics.FORMED_SHEET, end, _formed_sheet(record.formed_sheet))
+        if record.released is not None:
+            self._write(topics.RELEASED_PART, end, _released(record.released))
 
     def _write(self, topic: Topic, timestamp: int, message: Any) -> None:
         self._bag.write(self._connections[topic], timestamp, cell_types().serialize_cdr(message, topic.type))
@@ -206,6 +216,10 @@ def _points(scan: ContourScan) -> Any:
     return _cloud_of(np.asarray(scan.points(), dtype="<f4"), 1, scan.count, _header(scan.time))
 
 
+def _released(points: Array) -> Any:
+    return _cloud_of(np.asarray(points, dtype="<f8"), 1, len(points), _header(0.0, fields.PART_FRAME))
+
+
 def _formed_sheet(sheet: ThinnedSheet) -> Any:
     table = np.asarray(fields.thinned_sheet_table(sheet), dtype="<f8")
     rows, columns, count = table.shape
@@ -231,8 +245,8 @@ def _cloud_of(points: NDArray[Any], rows: int, columns: int, header: Any, names:
     )
 
 
-def _header(seconds: float) -> Any:
-    return make_message("std_msgs/msg/Header", stamp=_time(seconds), frame_id=FRAME)
+def _header(seconds: float, frame: str = FRAME) -> Any:
+    return make_message("std_msgs/msg/Header", stamp=_time(seconds), frame_id=frame)
 
 
 def _time(seconds: float) -> Any:

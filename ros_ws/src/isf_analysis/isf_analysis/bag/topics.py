@@ -39,10 +39,12 @@ CORRECTED = Topic("contour/corrected", "isf_msgs/msg/Contour", "LATCHED")
 CORRECTION = Topic("contour/correction", "isf_msgs/msg/ContourCorrection", "EVENT")
 RESULT = Topic("contour/result", "isf_msgs/msg/ContourResult", "EVENT")
 FORMED_SHEET = Topic("machine/formed_sheet", "sensor_msgs/msg/PointCloud2", "LATCHED")
+RELEASED_PART = Topic("machine/released_part", "sensor_msgs/msg/PointCloud2", "LATCHED")
 LIFT = Topic("tool_lift", "sensor_msgs/msg/PointCloud2", "LATCHED")
 EVENT = Topic("machine/event", "isf_msgs/msg/MachineEvent", "EVENT")
 ARMED = Topic("force_ctrl/armed", "isf_msgs/msg/ForceCtrlArmed", "LATCHED")
 MACHINE_STATE = Topic("machine/state", "isf_msgs/msg/MachineState", "STREAM")
+DIAGNOSTICS = Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", "DEFAULT")
 
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 """Type of topics on which each of several nodes tells its own frames."""
@@ -87,11 +89,12 @@ CELL = (
     EVENT,
     SCAN,
     FORMED_SHEET,
+    RELEASED_PART,
     LIFT,
     Topic("joint_states", "sensor_msgs/msg/JointState", "STREAM"),
     Topic("robot_description", "std_msgs/msg/String", "LATCHED"),
     Topic("/clock", "rosgraph_msgs/msg/Clock", "SENSOR"),
-    Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", "DEFAULT"),
+    DIAGNOSTICS,
     Topic("/rosout", "rcl_interfaces/msg/Log", "DEFAULT"),
     Topic("/parameter_events", "rcl_interfaces/msg/ParameterEvent", "DEFAULT"),
     Topic("/tf", TRANSFORMS, "DEFAULT"),

@@ -104,7 +104,7 @@ def corrections(record: PartRecord) -> Figure:
 
 
 def has_outlook(record: PartRecord) -> bool:
-    """True when a method told which error it expects to remain."""
+    """True when a method told which error it foresees to remain."""
     return any(np.isfinite(item.residual).any() for item in record.corrections)
 
 
@@ -112,7 +112,12 @@ def _draw_residual(axes: Axes, items: Sequence[ContourCorrection], number: Array
     left = [MM * _known(item.residual) for item in items]
     low, mean, high = ([float(f(values)) for values in left] for f in (np.min, np.mean, np.max))
     axes.fill_between(number, low, high, color=style.MUTED, alpha=0.25, linewidth=0, label="least to most")
-    axes.plot(number, mean, color=style.INK, label="expected to remain, mean")
+    axes.plot(number, mean, color=style.INK, label="foreseen to remain, mean")
+    doubt = np.array([MM * _rms(item.uncertainty) for item in items])
+    if np.isfinite(doubt).any():
+        axes.plot(number, mean + doubt, color=style.PREDICTION, linestyle=(0, (1, 2)), label="± 1 σ of the prediction")
+        axes.plot(number, mean - doubt, color=style.PREDICTION, linestyle=(0, (1, 2)))
+        low, high = np.fmin(low, mean - doubt).tolist(), np.fmax(high, mean + doubt).tolist()
     axes.axhline(0.0, color=style.TARGET, linestyle=(0, (4, 2)), linewidth=1.2)
     axes.set_ylim(1.05 * min(*low, -SMALLEST_RANGE), 1.05 * max(*high, SMALLEST_RANGE))  # rounding is no error
     axes.set_ylabel("too low < error > too high [mm]")
@@ -129,15 +134,18 @@ def error_split(splits: Sequence[ErrorSplit]) -> Figure:
         ("correction", "correction", style.PART),
         ("tool", "tool, $\\delta_1$", style.SET_POINT),
         ("sheet", "sheet, $\\delta_2$", style.PREDICTION),
-        ("error", "formed part: the sum", style.INK),
+        ("error", "part in the clamp: the sum", style.INK),
+        ("released", "release, $\\delta_3$", style.TARGET),
     ):
+        if not len(getattr(splits[0], name)):
+            continue
         values = np.array([MM * float(np.mean(_known(getattr(split, name)))) for split in splits])
         if np.isfinite(values).any():
             axes.plot(number, values, color=colour, label=words, marker="." if len(number) < 30 else "")
     axes.axhline(0.0, color=style.MUTED, linestyle=(0, (4, 2)), linewidth=1.2)
     axes.set_ylabel("too far < > not far enough [mm]")
     _contour_axis(axes, number)
-    style.legend_above(axes, 4)
+    style.legend_above(axes, 5)
     return figure
 
 

@@ -15,6 +15,7 @@ from isf_analysis.measures.deviation import Deviation, directions
 from isf_analysis.measures.error_split import error_splits
 from isf_analysis.measures.force_regions import path_forces
 from isf_analysis.measures.record import PartRecord
+from isf_analysis.measures.release import movement_of
 
 SHAPE, CORRECTION, FORCE = "shape", "correction", "force"
 """Chapters of the report that figures belong to."""
@@ -137,14 +138,15 @@ def _shape(
         "Vertical error; the regions are those of the target, see the end of this page.",
         partial(shape_figures.region_errors, deviation, reference_deviation),
     )
-    splits = error_splits(record, deviation.error)
+    splits = error_splits(record, deviation.error, movement_of(record))
     if splits:
         yield _Plan(
             "error_split",
             SHAPE,
             "Where the error comes from",
             "Terms of the error, mean of every contour, normal to the wanted surface; positive: not far enough. They "
-            "add up to the error of the formed part (Ren 2018, eq. 1-1; that of unclamping is not measured).",
+            "add up to the error of the part in the clamp (Ren 2018, eq. 1-1); what it moves by when it is taken out, "
+            "delta_3, is shown where it was measured.",
             partial(process_figures.error_split, splits),
         )
 
@@ -176,7 +178,11 @@ def _process(record: PartRecord) -> Iterator[_Plan]:
             CORRECTION,
             "Correction of every contour",
             "How far each contour was moved before it was formed, and the elastic recovery that was predicted for it."
-            + (" Below: the error that the method expects to remain." if process_figures.has_outlook(record) else ""),
+            + (
+                " Below: the error that the method foresees to remain, with its uncertainty."
+                if process_figures.has_outlook(record)
+                else ""
+            ),
             partial(process_figures.corrections, record),
         )
     if process_figures.has_support_force(record):

@@ -11,9 +11,10 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.simulated_sheet import SEALED_VARIANTS
 from numpy.typing import NDArray
 
+from isf_analysis.measures.expected_error import expected_error, overconfident, reached_over_expected
 from isf_analysis.measures.force_metrics import force_metrics
 from isf_analysis.measures.record import PartRecord
-from isf_analysis.measures.summary import MM, deviation_of
+from isf_analysis.measures.summary import MM, deviation_of, scan_errors_of
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,8 @@ class CampaignRow:
     contours, planned : formed, and of how many
     max_mm, mean_mm, signed_mm, p95_mm, within_tolerance : of wall and base; the last is a share of the points
     wall_*, base_*, rim_* : the same of these regions
+    expected_max_mm, expected_mean_mm : that the correction expected of wall and base; None where it cannot tell
+    mark_spacing_mm, scallop_um : tool marks that the plan leaves on 95 % of the walls, and the ridges between them
     force_rms_N : error of the support force while the loop was in full control
     sim_s, wall_s, cpu_s : of the machine, of the computer, of its processor
     """
@@ -60,6 +63,10 @@ class CampaignRow:
     base_signed_mm: float | None = None
     rim_max_mm: float | None = None
     rim_signed_mm: float | None = None
+    expected_max_mm: float | None = None
+    expected_mean_mm: float | None = None
+    mark_spacing_mm: float | None = None
+    scallop_um: float | None = None
     force_rms_N: float | None = None  # noqa: N815
     sim_s: float | None = None
     wall_s: float | None = None
@@ -69,6 +76,16 @@ class CampaignRow:
     def whole(self) -> bool:
         """The part was formed to its end and measured."""
         return self.code == 0 and self.max_mm is not None
+
+    @property
+    def reached_over_expected(self) -> float | None:
+        """Of the largest error of a whole part; None where nothing was expected."""
+        return reached_over_expected(self.expected_max_mm, self.max_mm) if self.whole else None
+
+    @property
+    def overconfident(self) -> bool:
+        """The whole part came out worse than expected by more than a factor of 1.5."""
+        return self.whole and bool(overconfident(self.expected_max_mm, self.max_mm))
 
     @property
     def overload(self) -> str:
@@ -118,7 +135,10 @@ def measured(row: CampaignRow, record: PartRecord) -> dict[str, Any]:
     if deviation is None:
         return data
     size = np.abs(deviation.errors())
+    expected = expected_error(record, scan_errors_of(record))
     found = {
+        "expected_max_mm": MM * expected.largest,
+        "expected_mean_mm": MM * expected.mean,
         "p95_mm": MM * np.percentile(size, 95) if len(size) else np.nan,
         "within_tolerance": deviation.within(record.tolerance.shape),
     }

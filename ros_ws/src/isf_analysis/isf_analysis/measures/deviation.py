@@ -84,6 +84,18 @@ class SignedStatistics:
     mean: float
     deviation: float
 
+    def table2(self) -> dict[str, float | None]:
+        """The six numbers in mm, as files and programs get them; None where there is none."""
+        values = {
+            "mean_positive_mm": self.mean_positive,
+            "mean_negative_mm": self.mean_negative,
+            "max_mm": self.largest,
+            "min_mm": self.smallest,
+            "mean_mm": self.mean,
+            "std_mm": self.deviation,
+        }
+        return {key: 1e3 * value if np.isfinite(value) else None for key, value in values.items()}
+
 
 @dataclass(frozen=True)
 class Deviation:
@@ -138,7 +150,7 @@ def compare(measured: HeightMap, target: HeightMap, *, rim_width: float = RIM_WI
     to_normal = 1.0 / np.sqrt(1.0 + slope_x**2 + slope_y**2)
     error_map = HeightMap(target.x, target.y, error)
     regions = {name: _numbers(error_map, to_normal, mask) for name, mask in masks.items()}
-    signed = {name: _signed((error * to_normal)[mask]) for name, mask in masks.items()}
+    signed = {name: signed_statistics((error * to_normal)[mask]) for name, mask in masks.items()}
     return Deviation(error_map, masks, regions, signed)
 
 
@@ -215,19 +227,25 @@ def _numbers(error: HeightMap, to_normal: Array, mask: Mask) -> RegionError:
     )
 
 
-def _signed(distance: Array) -> SignedStatistics:
-    known = distance[np.isfinite(distance)]
+def signed_statistics(distance: Array, weight: Array | None = None) -> SignedStatistics:
+    """Of the known ``distance`` (N,) m; ``weight`` (N,) that each counts with in the means, None: all alike."""
+    weight = np.ones(len(distance)) if weight is None else weight
+    counts = np.isfinite(distance) & (weight > 0.0)
+    known, share = distance[counts], weight[counts]
+    nan = float("nan")
     if not len(known):
-        nan = float("nan")
         return SignedStatistics(nan, nan, nan, nan, nan, nan)
-    above, below = (float(one.mean()) if len(one) else float("nan") for one in (known[known > 0.0], known[known < 0.0]))
+    mean = float(np.average(known, weights=share))
+    above, below = (
+        float(np.average(known[one], weights=share[one])) if one.any() else nan for one in (known > 0.0, known < 0.0)
+    )
     return SignedStatistics(
         mean_positive=above,
         mean_negative=below,
         largest=float(known.max()),
         smallest=float(known.min()),
-        mean=float(known.mean()),
-        deviation=float(known.std()),
+        mean=mean,
+        deviation=float(np.sqrt(np.average((known - mean) ** 2, weights=share))),
     )
 
 

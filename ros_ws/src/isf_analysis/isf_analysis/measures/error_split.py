@@ -7,7 +7,8 @@
   is the measured force times the compliance that force control compensates with;
 * delta_2: the sheet beside the tip: springback in the clamp, and what later contours moved. It is what the other terms
   leave of the measured error, so that errors of the axes that neither encoders nor force tell are in it;
-* delta_3: springback by unclamping and trimming. A part is scanned in the clamp: it is in none of these numbers.
+* delta_3: springback by unclamping and trimming. A part is scanned in the clamp: it is in none of these numbers, and
+  known by itself where the part was scanned out of it, too.
 
 Ren 2018 (section 2.4.3) could not part delta_1 from delta_2 on a real rig. So the deflection is an estimate, as good as
 the compliance is known: also on a simulated rig, whose own may differ.
@@ -45,6 +46,7 @@ class ErrorSplit:
     error : of the formed part; the sum of the four above
     support : delta_1 of the support tool along the horizontal normal away from the forming tool, (0,) under force
         control, which seeks no position, and without a support tool
+    released : delta_3, (0,) where it was not measured
     """
 
     index: int
@@ -54,6 +56,7 @@ class ErrorSplit:
     sheet: Array
     error: Array
     support: Array
+    released: Array
 
     @property
     def tool(self) -> Array:
@@ -61,11 +64,11 @@ class ErrorSplit:
         return self.followed + self.deflected
 
 
-def error_splits(record: PartRecord, error: HeightMap) -> tuple[ErrorSplit, ...]:
+def error_splits(record: PartRecord, error: HeightMap, release: HeightMap | None = None) -> tuple[ErrorSplit, ...]:
     """Of every contour of the last stage that was formed and whose machine told where its tips were.
 
     ``error`` : vertical deviation of the formed part, m. Deflection and delta_2 are NaN where the compliance is not
-    known.
+    known. ``release`` : vertical movement of the part by its release, m; None: not measured.
     """
     corrected = {contour.index: contour for contour in record.corrected}
     results = {result.index: result for result in record.results if result.completed}
@@ -73,7 +76,9 @@ def error_splits(record: PartRecord, error: HeightMap) -> tuple[ErrorSplit, ...]
         split
         for contour in record.last_stage
         if contour.index in results and contour.index in corrected
-        for split in _split(contour, corrected[contour.index], results[contour.index], record.tool_compliance, error)
+        for split in _split(
+            contour, corrected[contour.index], results[contour.index], record.tool_compliance, error, release
+        )
     )
 
 
@@ -83,6 +88,7 @@ def _split(
     result: ContourResult,
     compliance: tuple[Vector, Vector] | None,
     error: HeightMap,
+    release: HeightMap | None,
 ) -> Iterator[ErrorSplit]:
     n = len(planned)
     target, measured, force = result.forming_target, result.forming_measured, result.forming_force
@@ -99,9 +105,17 @@ def _split(
     followed = along(measured - target)
     deflected = along(force * forming + target - sent.forming_tip)
     total = error.at(planned.contact[:, :2]) * normal[:, 2]
+    released = np.empty(0) if release is None else release.at(planned.contact[:, :2]) * normal[:, 2]
     sheet = total - correction - followed - deflected
     yield ErrorSplit(
-        planned.index, correction, followed, deflected, sheet, total, _support_error(planned, sent, result, support)
+        planned.index,
+        correction,
+        followed,
+        deflected,
+        sheet,
+        total,
+        _support_error(planned, sent, result, support),
+        released,
     )
 
 

@@ -26,6 +26,7 @@ from isf_analysis.measures.force_regions import (
 )
 from isf_analysis.measures.process_time import process_time
 from isf_analysis.measures.record import PartRecord
+from isf_analysis.measures.release import movement_of
 
 MM = 1e3
 
@@ -108,10 +109,10 @@ def _outlook(record: PartRecord, error: HeightMap | None) -> dict[str, Any] | No
 
 def _error_split(record: PartRecord, error: HeightMap | None) -> dict[str, Any] | None:
     """Terms of the error over all points of the contours; None for a part of whose error or tips nothing is known."""
-    splits = error_splits(record, error) if error is not None else ()
+    splits = error_splits(record, error, movement_of(record)) if error is not None else ()
     if not splits:
         return None
-    terms = ("correction", "tool", "followed", "deflected", "sheet", "error", "support")
+    terms = ("correction", "tool", "followed", "deflected", "sheet", "error", "support", "released")
     found = {name: np.concatenate([getattr(split, name) for split in splits]) for name in terms}
     return {
         "contours": len(splits),

@@ -15,10 +15,13 @@ from isf_core.types import Array
 from numpy.typing import NDArray
 
 from isf_analysis.measures.contour_scan import ScanError, scan_errors
+from isf_analysis.measures.expected_error import known_deviation, sizes
 from isf_analysis.measures.force_metrics import force_metrics
 from isf_analysis.measures.record import PartRecord
 
 NAN = float("nan")
+
+EXPECTED = ("expected_error_mean_m", "expected_error_mean_abs_m", "expected_error_max_m")
 
 Rows = dict[str, NDArray[Any]]
 """Column by name, all of the same length."""
@@ -29,8 +32,10 @@ def contour_table(record: PartRecord) -> Rows:
 
     ``planned_duration_s`` is without the moves between contours, ``duration_s`` with the approach to this one.
     ``predicted_force_mean_N`` (of the plan) and ``forecast_force_mean_N`` (of the correction) stand beside the measured
-    ``axial_force_mean_N``; ``expected_error_mean_m`` (of the correction) beside ``scan_error_mean_m``, the vertical
-    error on what was formed so far in the scan after this contour.
+    ``axial_force_mean_N``. Of the correction, ``expected_error_mean_m`` is the signed error that it foresees,
+    ``expected_error_mean_abs_m`` and ``expected_error_max_m`` are the mean and largest size to expect with its
+    uncertainty; beside them ``scan_error_*``, the vertical error on what was formed so far in the scan after this
+    contour.
     """
     corrections = {item.index: item for item in record.corrections}
     results = {item.index: item for item in record.results}
@@ -127,9 +132,12 @@ def _planned(contour: Contour) -> dict[str, Any]:
 def _corrected(contour: Contour, correction: ContourCorrection | None) -> dict[str, Any]:
     if correction is None:
         numbers = ("correction_mean_m", "correction_max_m", "springback_mean_m", "springback_max_m")
-        more = ("expected_error_mean_m", "forecast_force_mean_N", "solve_time_s")
+        more = (*EXPECTED, "forecast_force_mean_N", "solve_time_s")
         return {"method": "", "correction_code": 0, **dict.fromkeys((*numbers, *more), NAN)}
     push = contour.push_sign * correction.offset[:, 2]
+    left, deviation = correction.residual, known_deviation(correction.uncertainty, len(correction.residual))
+    known = np.isfinite(left) & np.isfinite(deviation)
+    largest, mean = sizes(left[known], deviation[known])
     return {
         "method": correction.method,
         "correction_code": correction.code,
@@ -137,7 +145,7 @@ def _corrected(contour: Contour, correction: ContourCorrection | None) -> dict[s
         "correction_max_m": float(np.linalg.norm(correction.offset, axis=1).max(initial=0.0)),
         "springback_mean_m": _mean(correction.springback),
         "springback_max_m": float(np.abs(correction.springback).max()) if len(correction.springback) else NAN,
-        "expected_error_mean_m": _mean(correction.residual),
+        **dict(zip(EXPECTED, (_mean(left), mean, largest), strict=True)),
         "forecast_force_mean_N": _mean(correction.control_point_force),
         "solve_time_s": correction.solve_time,
     }

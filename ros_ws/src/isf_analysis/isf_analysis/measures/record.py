@@ -19,6 +19,7 @@ from isf_core.files.job import Job, ToleranceSpec
 from isf_core.geometry.height_map import HeightMap
 from isf_core.simulated_sheet import SEALED_VARIANTS
 from isf_core.thinned_sheet import ThinnedSheet
+from isf_core.types import Array
 
 from isf_analysis.measures.contour_scan import ContourScan
 
@@ -57,6 +58,8 @@ class PartRecord:
     axis_error : m, root mean square and largest error of the axes while a tool touched the sheet; None: not told
     tool_compliance : m/N of tool 1 and of tool 2, each of the tip in x, y and z, as force control has it; None: unknown
     formed_sheet : thickness and strain margin of the simulated sheet at the end; None: of a real machine, or not told
+    released : (P, 3) m, points of the part out of the clamp and trimmed, as it came to rest; None: not released, or not
+        told
     base_folder : that relative paths in the job refer to; empty: not known
     plan_warnings : what the planner warned of; empty too when the record is older than this
     preforms : shapes that the stages before the last end with, on the grid of ``target``; empty too when the record is
@@ -94,6 +97,7 @@ class PartRecord:
     axis_error: tuple[float, float] | None = None
     tool_compliance: tuple[Vector, Vector] | None = None
     formed_sheet: ThinnedSheet | None = None
+    released: Array | None = None
     plan_warnings: tuple[str, ...] = ()
     preforms: tuple[HeightMap, ...] = ()
 
@@ -130,6 +134,14 @@ class PartRecord:
     def sealed(self) -> bool:
         """True for a variant that is kept to publish results with."""
         return self.variant in SEALED_VARIANTS
+
+    @property
+    def plant(self) -> str:
+        """The machine that formed it, for people; of a simulated one with its sheet."""
+        if self.variant < 0:
+            return "real machine"
+        sheet = f", sheet: {self.sheet['model']}" if "model" in self.sheet else ""
+        return f"simulated{sheet}, variant {self.variant}{' (sealed)' if self.sealed else ''}, seed {self.seed}"
 
     @property
     def corrects(self) -> bool:

@@ -10,11 +10,14 @@ from pathlib import Path
 from typing import Any
 
 from isf_core.contour import passes_over_floors
+from isf_core.errors import IsfError
 from isf_core.events import torn
 from isf_core.files.job import ToleranceSpec
+from isf_core.simulated_sheet import scans_with_sensor
 
 from isf_analysis.measures.contour_scan import ScanError, left_out, scan_errors
-from isf_analysis.measures.deviation import BANDS, Deviation, RegionError, SignedStatistics, compare
+from isf_analysis.measures.deviation import BANDS, Deviation, RegionError, compare
+from isf_analysis.measures.expected_error import expected_error, overconfident, reached_over_expected
 from isf_analysis.measures.findings import findings
 from isf_analysis.measures.force_metrics import ForceMetrics, force_metrics
 from isf_analysis.measures.record import PartRecord
@@ -61,6 +64,7 @@ def summarise(
     numbers = _part(record, deviation, record.tolerance)
     numbers["notes"] += [record.tolerance_note] if record.tolerance_note else []
     numbers["scans"] = [_scan(error) for error in scans]
+    numbers["expected_error"] = _expected(record, scans, numbers)
     if record.target is not None:
         numbers["notes"] += left_out(record.scans, scans, record.nominal, record.target)
     if reference is not None:
@@ -114,6 +118,7 @@ def _part(record: PartRecord, deviation: Deviation | None, tolerance: ToleranceS
         "deviation": None if deviation is None else _deviation(deviation, tolerance.shape),
         "sheet_thickness": sheet_thickness(record, deviation),
         "force": force,
+        "exact_scans": _exact_scans(record),
         "machine": _machine(record),
         "ticks": record.ticks,
         "late_ticks": record.late_ticks,
@@ -132,6 +137,36 @@ def _part(record: PartRecord, deviation: Deviation | None, tolerance: ToleranceS
     }
 
 
+def _expected(record: PartRecord, scans: tuple[ScanError, ...], numbers: dict[str, Any]) -> dict[str, Any]:
+    """What the correction expected of wall and base beside what a whole part reached."""
+    found = expected_error(record, scans)
+    whole = numbers["deviation"] if numbers["complete"] else None
+    largest, mean = _number(MM * found.largest), _number(MM * found.mean)
+    reached_largest, reached_mean = (whole["max_mm"], whole["mean_abs_mm"]) if whole else (None, None)
+    return {
+        "largest_mm": largest,
+        "mean_mm": mean,
+        "stands_on": found.stands_on if found.known else "",
+        "not_known": "" if found.known else found.stands_on,
+        "reached_largest_mm": reached_largest,
+        "reached_mean_mm": reached_mean,
+        "reached_over_expected": reached_over_expected(largest, reached_largest),
+        "overconfident": overconfident(largest, reached_largest),
+    }
+
+
+def _exact_scans(record: PartRecord) -> list[str]:
+    """Scans without the errors of a scanner: of the finished part, which those of a simulated machine are always, and
+    those between contours, with which the correction went on; in words that a sentence goes on with."""
+    if record.variant < 0 or record.scan is None:
+        return []
+    try:
+        between = bool(record.scans) and record.corrects and not scans_with_sensor(record.job(), record.variant)
+    except IsfError:  # of another version
+        between = False
+    return ["of the finished part", *(["between contours"] if between else [])]
+
+
 def _machine(record: PartRecord) -> dict[str, Any]:
     if record.axis_error is None:
         return {}
@@ -145,25 +180,13 @@ def _deviation(deviation: Deviation, tolerance: float) -> dict[str, Any]:
             **_region(region),
             **{f"within_0_{round(1e4 * band)}mm_fraction": deviation.within(band, name) for band in BANDS},
             "within_tolerance_fraction": deviation.within(tolerance, name),
-            "table2": _table2(deviation.signed[name]),
+            "table2": deviation.signed[name].table2(),
         }
         for name, region in deviation.regions.items()
     }
     whole = regions["wall_and_base"]
     keys = ("max_mm", "mean_abs_mm", "rms_mm", "mean_mm", "table2")
     return {**{key: whole[key] for key in keys}, "regions": regions}
-
-
-def _table2(signed: SignedStatistics) -> dict[str, float | None]:
-    values = {
-        "mean_positive_mm": signed.mean_positive,
-        "mean_negative_mm": signed.mean_negative,
-        "max_mm": signed.largest,
-        "min_mm": signed.smallest,
-        "mean_mm": signed.mean,
-        "std_mm": signed.deviation,
-    }
-    return {key: _number(MM * value) for key, value in values.items()}
 
 
 def _region(region: RegionError) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 from trimesh.triangles import closest_point, points_to_barycentric
 
-from isf_analysis.measures.deviation import BANDS
+from isf_analysis.measures.deviation import BANDS, SignedStatistics, signed_statistics
 
 CHUNK = 20_000
 """Points at a time."""
@@ -390,13 +390,14 @@ class DistanceStatistics:
     Attributes
     ----------
     points : number of points that count ; beside : share of the area that lies beside the surface
-    mean, mean_abs, rms, p95_abs, max_abs : of the distance ; worst : (3,) m, place of the largest
+    signed : the six numbers of Behera 2015, Table 2
+    mean_abs, rms, p95_abs, max_abs : of the size of the distance ; worst : (3,) m, place of the largest
     within : share within each tolerance, by m
     """
 
     points: int
     beside: float
-    mean: float
+    signed: SignedStatistics
     mean_abs: float
     rms: float
     p95_abs: float
@@ -420,7 +421,7 @@ def statistics(
     return DistanceStatistics(
         points=int(counts.sum()),
         beside=float(weight[~counts].sum() / weight.sum()),
-        mean=float(share @ distance),
+        signed=signed_statistics(distance, share),
         mean_abs=float(share @ size),
         rms=float(np.sqrt(share @ distance**2)),
         p95_abs=float(p95),

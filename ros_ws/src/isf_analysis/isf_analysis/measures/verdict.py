@@ -1,10 +1,10 @@
 """Whether a part is good, and what it falls short of: the one judgement of report, terminal and scripts.
 
 A part is good when it is complete, its shape was measured and is in the tolerance of its job, the support tool (where
-there is one) kept the sheet, nothing happened that harms sheet or control, the machine bears the force, and the
-correction failed nowhere. A force out of its band is a remark: it counts the noise of the load cell too. The tolerance
-of a job that names none is the accuracy published for closed-loop parts: 90 % of the points within 0.3 mm (Lu 2016,
-section 4.4).
+there is one) kept the sheet, nothing happened that harms sheet or control, the machine bears the force, the
+correction failed nowhere, and a simulated sheet was formed without inertia. A force out of its band is a remark: it
+counts the noise of the load cell too. The tolerance of a job that names none is the accuracy published for closed-loop
+parts: 90 % of the points within 0.3 mm (Lu 2016, section 4.4).
 
 What the fast sheet says of a shape holds for that sheet: it yields under the tools alone, and comes back where a real
 one has yielded around them. A part formed on it is therefore never called good without naming it.
@@ -35,6 +35,9 @@ FLATTERED = (
 )
 """What a shape on the fast sheet does not say."""
 
+QUASI_STATIC = 0.02
+"""Kinetic energy of the simulated sheet over its plastic work, up to which it counts as formed slowly (chosen)."""
+
 NOT = "not corrected"
 
 Numbers = dict[str, Any]
@@ -48,7 +51,7 @@ def verdict(numbers: Numbers) -> Numbers:
     proviso = FLATTERED if (numbers["sheet"] or {}).get("model") == "fast" else ""
     if not numbers["complete"]:
         return {"good": False, "short_of": [numbers["failure"]["message"]], "proviso": proviso}
-    short_of = [*_contact(numbers), *_events(numbers), *_force(numbers), *_shape(numbers)]
+    short_of = [*_inertia(numbers), *_contact(numbers), *_events(numbers), *_force(numbers), *_shape(numbers)]
     return {"good": not short_of, "short_of": short_of, "proviso": proviso}
 
 
@@ -106,6 +109,18 @@ def force_remarks(force: Numbers | None) -> list[str]:
         return []
     limits = f"within {BAND:g} N of its set-point in {percent(within, 1)} of the controlled time"
     return [f"force out of band: the support force is {limits}, {100 * WITHIN_BAND:.0f} % are wanted"]
+
+
+def _inertia(numbers: Numbers) -> list[str]:
+    """That the simulated sheet was not formed slowly: what was measured of it is not that of a slow process."""
+    kinetic = (numbers["sheet"] or {}).get("kinetic_over_plastic")
+    if kinetic is None or kinetic <= QUASI_STATIC:
+        return []
+    return [
+        "forces and shape carry inertia: the kinetic energy of the simulated sheet rose to "
+        f"{percent(kinetic, 1)} of its plastic work, at most {100 * QUASI_STATIC:g} % are wanted; a finer --sheet "
+        "moves its tools more slowly"
+    ]
 
 
 def _contact(numbers: Numbers) -> list[str]:

@@ -58,6 +58,16 @@ class Formed:
         return statistics.median(values) if values else None
 
     @property
+    def told(self) -> list[CampaignRow]:
+        """Whole parts of which an error was expected."""
+        return [row for row in self.whole if row.reached_over_expected is not None]
+
+    @property
+    def overconfident(self) -> int:
+        """Of these, those that came out worse than expected by more than a factor of 1.5."""
+        return sum(row.overconfident for row in self.told)
+
+    @property
     def worst(self) -> CampaignRow | None:
         """The other variant with the largest error."""
         return max(self.others, key=lambda row: row.max_mm or 0.0, default=None)
@@ -181,7 +191,17 @@ def _case(row: CampaignRow) -> str:
 
 
 def _methods(groups: Sequence[Formed]) -> str:
-    head = ["method", "whole parts", "nominal", "median", "worst", "in tolerance", "wall time"]
+    head = [
+        "method",
+        "whole parts",
+        "nominal",
+        "median",
+        "worst",
+        "in tolerance",
+        "expected",
+        "overconfident",
+        "wall time",
+    ]
     lines = []
     for group in groups:
         worst, nominal = group.worst, group.nominal
@@ -199,14 +219,26 @@ def _methods(groups: Sequence[Formed]) -> str:
                 _pair(group.median("max_mm"), group.median("mean_mm")) if group.others else DASH,
                 (_pair(worst.max_mm, worst.mean_mm) if worst else DASH) + place,
                 percent(share, 1),
+                _expected(group),
+                f"{group.overconfident} of {len(group.told)}" if group.told else DASH,
                 _duration(statistics.median(times)) if times else DASH,
             ]
         )
     caption = (
         "Errors of wall and base, largest / mean [mm]; median and worst (its variant) are of the variants but the "
-        "nominal one, the share in tolerance and the time of a part are medians"
+        "nominal one, the share in tolerance, what the corrections expected of themselves and the time of a part are "
+        "medians; a part is overconfident whose largest error is more than 1.5 times what was expected"
     )
     return table(caption, head, lines)
+
+
+def _expected(group: Formed) -> str:
+    """Medians of what was expected of the parts that the medians of the errors are of."""
+    pairs = [(row.expected_max_mm, row.expected_mean_mm) for row in group.others or group.whole]
+    known = [pair for pair in pairs if pair[0] is not None and pair[1] is not None]
+    if not known:
+        return '<span class="less">not known</span>' if group.whole else DASH
+    return _pair(*(statistics.median(values) for values in zip(*known, strict=True)))
 
 
 def _variants(groups: Sequence[Formed]) -> list[str]:

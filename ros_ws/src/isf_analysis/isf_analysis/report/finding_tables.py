@@ -10,6 +10,7 @@ from typing import Any
 
 from isf_core.contour import contour_label
 
+from isf_analysis.measures.expected_error import reached_over_expected
 from isf_analysis.measures.force_regions import AFTER, BEFORE, CONTACT, CORNER_RADIUS
 from isf_analysis.measures.remarks import spans
 from isf_analysis.measures.sheet_thickness import SHARE
@@ -97,25 +98,44 @@ def remark_table(numbers: Numbers) -> str:
     return table(caption + more, ["remark, where it is strongest", "contours"], rows, wrap=True)
 
 
+def expected_table(numbers: Numbers) -> str:
+    """What the correction expected of wall and base beside what was reached; nothing where nothing was corrected."""
+    found = numbers["expected_error"]
+    if numbers["correction"] in ("", "none"):
+        return ""
+    known = found["largest_mm"] is not None
+    rows = [
+        [
+            f"{words} error of wall and base",
+            _mm(found[f"{key}_mm"]) if known else "not known",
+            _mm(found[f"reached_{key}_mm"]),
+            number(reached_over_expected(found[f"{key}_mm"], found[f"reached_{key}_mm"]), 1),
+        ]
+        for words, key in (("largest", "largest"), ("mean", "mean"))
+    ]
+    stands_on = f"Stands on: {found['stands_on']}" if known else f"Not known: {found['not_known']}"
+    return table(escape(f"Expected beside reached error. {stands_on}"), ["", "expected", "reached", "ratio"], rows)
+
+
 def outlook_table(numbers: Numbers) -> str:
-    """Error and uncertainty that the correction itself expects; nothing when it tells none."""
+    """What corrections foresaw at the points of the contours, and their uncertainty; nothing when they tell none."""
     outlook = numbers["outlook"]
     if outlook is None:
         return ""
     rows = [
         [words, *(_mm(outlook.get(f"{kind}_{key}_mm")) for kind in ("residual", "reached"))]
         for words, key in (
-            ("error that remains, mean over all contours", "mean"),
-            ("error that remains, largest", "max_abs"),
-            ("error that remains, mean of the last contour", "last_mean"),
+            ("signed error, mean over all contours", "mean"),
+            ("largest", "max_abs"),
+            ("signed, mean of the last contour", "last_mean"),
         )
     ]
     rows += [
         ["uncertainty of the prediction (1 σ), mean", _mm(outlook["uncertainty_mean_mm"]), DASH],
         ["uncertainty of the prediction (1 σ), largest", _mm(outlook["uncertainty_max_mm"]), DASH],
     ]
-    head = ["at the contour points, vertical", "expected", "reached in the final scan"]
-    caption = "What the correction expected of itself, and what was reached"
+    head = ["at the contour points, vertical", "foreseen", "reached in the final scan"]
+    caption = "Error that corrections foresaw, as what their limits leave: uncertainty comes on top"
     return table(caption, head, [row for row in rows if set(row[1:]) != {DASH}])
 
 
@@ -125,7 +145,7 @@ SPLIT_ROWS = {
     "followed": "of which seen by the encoders",
     "deflected": "of which deflection under the force, less its compensation",
     "sheet": "δ<sub>2</sub>: sheet beside the tool: springback in the clamp, and what later contours moved",
-    "error": "error of the formed part: their sum",
+    "error": "error of the part in the clamp: their sum",
     "support": "support tool under position control, beside where it was sent; positive: off the sheet",
 }
 
@@ -140,7 +160,9 @@ def split_table(numbers: Numbers) -> str:
         for name, words in SPLIT_ROWS.items()
     ]
     rows = [row for row in rows if set(row[1:]) != {DASH}]
-    rows.append(["δ<sub>3</sub>: springback by unclamping and trimming", *["not measured"] * 3])
+    released = [split["released"][f"{key}_mm"] for key in ("mean", "rms", "max_abs")]
+    measured = ["not measured" if value is None else _mm(value) for value in released]
+    rows.append(["δ<sub>3</sub>: springback by unclamping and trimming, not in the sum", *measured])
     caption = (
         f"Where the error comes from (Ren 2018, eq. 1-1): at the points of {split['contours']} contours, normal to the "
         "wanted surface; positive: not far enough"

@@ -184,7 +184,14 @@ def _chapters(record: PartRecord, numbers: dict[str, Any], pictures: tuple[Pictu
         parts += ["<h2>Events</h2>", happened]
     correction = [
         *_figures(pictures, report_figures.CORRECTION),
-        *filter(None, (finding_tables.outlook_table(numbers), finding_tables.remark_table(numbers))),
+        *filter(
+            None,
+            (
+                finding_tables.expected_table(numbers),
+                finding_tables.outlook_table(numbers),
+                finding_tables.remark_table(numbers),
+            ),
+        ),
     ]
     if correction:
         parts += ["<h2>Springback correction</h2>", *correction]
@@ -255,6 +262,11 @@ def _reading(record: PartRecord, numbers: dict[str, Any]) -> str:
             "The part was formed by a <b>simulated machine</b>. Its sheet model is an approximation, calibrated on few "
             "published parts; compare methods with it, and expect other numbers from real sheet."
         )
+        if exact := numbers["exact_scans"]:
+            limits.append(
+                f"The scan {' and those '.join(exact)} {'are' if len(exact) > 1 else 'is'} <b>exact</b>: without the "
+                "noise, the gaps and the misplacement of a scanner."
+            )
         if record.sealed:
             limits.append(
                 f"Variant {record.variant} of the machine is <b>sealed</b>: its runs are published, and no constant "

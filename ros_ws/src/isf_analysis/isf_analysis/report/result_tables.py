@@ -41,10 +41,14 @@ def banners(numbers: Numbers, has_reference: bool) -> str:
             parts = [banner("warn", "Part complete, but not good", f"{count}. {_sentences(short_of)}")]
         elif proviso:
             parts = [
-                banner("info", "Part complete, in tolerance on the fast sheet", f"{count}. {_sentences([proviso])}")
+                banner(
+                    "info",
+                    "Part complete, in tolerance on the fast sheet",
+                    f"{count}{_by_exact_scans(numbers)}. {_sentences([proviso])}",
+                )
             ]
         else:
-            parts = [banner("good", "Part complete and good", f"{count}, and in tolerance.")]
+            parts = [banner("good", "Part complete and good", f"{count}, and in tolerance{_by_exact_scans(numbers)}.")]
     else:
         where = f"{_code_name(failure['code'])}: {failure['message']}."
         text = (
@@ -54,6 +58,8 @@ def banners(numbers: Numbers, has_reference: bool) -> str:
         parts = [banner("bad", title, text)]
     if numbers["deviation"] is None:
         parts.append(banner("warn", "No shape to compare", "The record holds no scan or no target."))
+    if numbers["expected_error"]["overconfident"]:
+        parts.append(banner("warn", "Worse than expected", _overconfident(numbers["expected_error"])))
     parts += [banner("warn", "Note", f"{note}.") for note in numbers["notes"]]
     parts += [banner("warn", "The plan warned", f"{text}.") for text in numbers["plan_warnings"]]
     parts += [banner("bad", f"Event: {event['kind']}", f"{event['text']}.") for event in _lost_part(numbers)]
@@ -71,11 +77,26 @@ def banners(numbers: Numbers, has_reference: bool) -> str:
     return "\n".join(parts)
 
 
+def _by_exact_scans(numbers: Numbers) -> str:
+    """That what was measured has no errors of a scanner, to end a sentence with; empty: it has."""
+    exact = numbers["exact_scans"]
+    return f" (exact scan {' and '.join(exact)}: no errors of a scanner)" if exact else ""
+
+
+def _overconfident(found: Numbers) -> str:
+    return (
+        f"The correction expected a largest error of {number(found['largest_mm'])} mm, by {found['stands_on']}; "
+        f"{number(found['reached_largest_mm'])} mm were reached, {number(found['reached_over_expected'], 1)} times as "
+        "much. Its other numbers may be as overconfident."
+    )
+
+
 def cards(numbers: Numbers) -> str:
     """The numbers to remember."""
     parts = [
         _error_card("Largest error", numbers, "max_mm", "max"),
         _error_card("Mean error", numbers, "mean_abs_mm", "mean_abs"),
+        _expected_card(numbers["expected_error"]),
         _force_card(numbers["force"]),
         card(
             "Contours formed",
@@ -175,10 +196,6 @@ def percent(fraction: float | None, digits: int = 2) -> str:
 
 def job_table(record: PartRecord) -> str:
     """What was formed, how, and with which software."""
-    plant = "real machine"
-    if record.variant >= 0:
-        sheet = f", sheet: {record.sheet['model']}" if "model" in record.sheet else ""
-        plant = f"simulated{sheet}, variant {record.variant}{' (sealed)' if record.sealed else ''}, seed {record.seed}"
     metrics = force_metrics(record.results, record.control_rate) if record.support_force > 0 else None
     support = f"{record.support_force:.0f} N" if record.support_force > 0 else "position control or none"
     if metrics is not None and (places := by_place(metrics.lowest, metrics.highest)):
@@ -188,7 +205,7 @@ def job_table(record: PartRecord) -> str:
         ["process", record.process],
         ["springback correction", record.correction or "none"],
         ["support force set-point", support],
-        ["machine", plant],
+        ["machine", record.plant],
         ["control rate", f"{record.control_rate:.0f} Hz{', lockstep' if record.lockstep else ''}"],
         ["plan", record.plan_id],
         ["software that formed the part", record.software],
@@ -299,6 +316,18 @@ def _error_card(label: str, numbers: Numbers, key: str, factor: str) -> str:
         else f"{100 * abs(1 - 1 / gain):.0f} % {'less' if gain >= 1 else 'more'} than uncorrected"
     )
     return card(label, before + value, note, False if gain is not None and gain < 1 else good)
+
+
+def _expected_card(found: Numbers) -> str:
+    """Red where the part came out worse than the correction expected by more than a factor of 1.5."""
+    label = "Expected largest error"
+    if found["largest_mm"] is None:
+        return card(label, "not known", found["not_known"])
+    ratio = found["reached_over_expected"]
+    note = "what was reached is not known" if ratio is None else f"reached {number(ratio, 1)} times as much"
+    return card(
+        label, f"{number(found['largest_mm'])} <small>mm</small>", note, False if found["overconfident"] else None
+    )
 
 
 def _force_card(force: Numbers | None) -> str:

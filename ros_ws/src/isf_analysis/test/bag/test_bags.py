@@ -76,6 +76,14 @@ def test_faults_of_the_machine_come_back(tmp_path: Path) -> None:
     assert read_bag(write_bag(part, tmp_path / "bag")).faults == part.faults
 
 
+def test_how_slowly_the_simulated_sheet_was_formed_comes_back(tmp_path: Path) -> None:
+    """Of a sheet that has such a number: what the machine of the cell told last."""
+    proven = replace(PART, sheet={"model": "shell_coarse", "kinetic_over_plastic": 0.0312})
+    assert read_bag(write_bag(proven, tmp_path / "bag")).sheet == proven.sheet
+    for k, sheet in enumerate(({"model": "shell"}, {"model": "fast"})):
+        assert read_bag(write_bag(replace(PART, sheet=sheet), tmp_path / f"bag_{k}")).sheet == sheet
+
+
 def test_what_the_plan_warned_of_comes_back(tmp_path: Path) -> None:
     part = replace(PART, plan_warnings=("a wall of 62 deg at x = 1.0 mm", "two lines\nof text"))
     assert read_bag(write_bag(part, tmp_path / "bag")).plan_warnings == part.plan_warnings
@@ -102,6 +110,13 @@ def test_the_formed_sheet_comes_back_and_one_that_is_none_is_told(
     back = read_bag(foreign)
     assert back.formed_sheet is None
     assert any("machine/formed_sheet is left out: needs floating-point" in note for note in back.notes)
+
+
+def test_the_part_out_of_the_clamp_comes_back_and_is_not_taken_for_the_scan(tmp_path: Path) -> None:
+    points = np.random.default_rng(3).normal(size=(50, 3))
+    part = replace(PART, released=points)
+    assert_same(part, read_bag(write_bag(part, tmp_path / "bag")))
+    assert read_bag(write_bag(PART, tmp_path / "clamped")).released is None
 
 
 def test_unknown_cells_come_back(tmp_path: Path) -> None:

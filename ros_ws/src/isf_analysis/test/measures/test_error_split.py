@@ -12,6 +12,7 @@ from isf_analysis.measures.summary import summary
 from isf_analysis.report import finding_tables
 from isf_core.contour import Contour, ContourCorrection, ContourResult, Process
 from isf_core.geometry.height_map import HeightMap
+from scipy.spatial.transform import Rotation
 from synthetic_part import make_part
 
 N = 5
@@ -106,6 +107,32 @@ def test_terms_are_those_by_hand_and_add_up(below: bool, sign: float) -> None:
         assert getattr(split, name) == pytest.approx(np.full(N, sign * SINE * value * UM), abs=1e-12), name
     # away from the forming tool, horizontally: 30 um off and 10 um of deflection, both towards -x
     assert split.support == pytest.approx(np.full(N, sign * 40.0 * UM), abs=1e-12)
+
+
+def test_the_movement_by_release_counts_along_the_normal_and_is_not_in_the_sum() -> None:
+    record, error = part()
+    (split,) = error_splits(record, error, replace(error, z=np.full((2, 2), -80 * UM)))
+    assert split.released == pytest.approx(np.full(N, -SINE * 80.0 * UM), abs=1e-12)
+    assert split.error == pytest.approx(np.full(N, SINE * 300.0 * UM), abs=1e-12)
+    assert len(error_splits(record, error)[0].released) == 0
+
+
+def test_a_part_out_of_the_clamp_tells_delta_3_wherever_it_lies() -> None:
+    """It is bent by 0.2 mm at a radius of 50 mm, turned by a degree and 3 mm away; else not measured."""
+    whole = make_part(contours=6, spacing=2.5e-3)
+    assert whole.scan is not None
+    points = whole.scan.points()
+    radius = np.hypot(points[:, 0], points[:, 1])
+    bent = points + np.column_stack([0 * radius, 0 * radius, 0.2e-3 * (radius / 50e-3) ** 2])
+    turn = Rotation.from_euler("xyz", [0.6, -0.5, 0.3], degrees=True)
+    lies = turn.apply(bent[radius < 50e-3]) + [1e-3, -2e-3, 2e-3]
+    numbers = summary(replace(whole, released=lies))
+    released, split = numbers["error_split"]["released"], numbers["error_split"]["error"]
+    assert 0.03 < released["rms_mm"] < 0.1  # of a bowl of 0.2 mm what no motion takes away
+    assert split == summary(whole)["error_split"]["error"]
+    table = finding_tables.split_table(numbers)
+    assert "not measured" not in table
+    assert "not measured" in finding_tables.split_table(summary(whole))
 
 
 def test_what_is_not_known_is_left_open() -> None:

@@ -138,7 +138,7 @@ def test_numbers_count_what_the_points_stand_for() -> None:
     numbers = statistics(points, found, np.array([3.0, 1.0, 1.0]))
     assert numbers is not None
     assert (numbers.points, numbers.beside) == (2, 0.2)
-    assert numbers.mean == pytest.approx((3 * 0.1e-3 + 0.4e-3) / 4)
+    assert numbers.signed.mean == pytest.approx((3 * 0.1e-3 + 0.4e-3) / 4)
     assert numbers.within == {0.1e-3: 0.75, 0.2e-3: 0.75, 0.3e-3: 0.75}
     assert numbers.worst == (0.0, 0.01, 0.4e-3)
     assert statistics(points[2:], roof().distances(points[2:]), np.ones(1)) is None

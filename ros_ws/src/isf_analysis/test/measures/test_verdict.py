@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from isf_analysis.measures.contour_scan import kept_scan
 from isf_analysis.measures.deviation import regions_of
 from isf_analysis.measures.record import PartRecord
 from isf_analysis.measures.summary import summary
@@ -186,6 +187,37 @@ def test_a_correction_that_failed_is_reported_even_of_a_part_in_tolerance() -> N
         message="no scan came",
     )
     assert reported(replace(EXACT, corrections=(failed,))) == ["not corrected: 1320: no scan came"]
+
+
+@pytest.mark.parametrize(("kinetic", "good"), [(0.0003, True), (0.0199, True), (0.021, False), (0.059, False)])
+def test_a_sheet_that_was_formed_too_fast_gives_no_green(kinetic: float, good: bool) -> None:
+    """Its kinetic energy may be 2 % of the plastic work."""
+    numbers = summary(replace(EXACT, sheet={"model": "shell_coarse", "kinetic_over_plastic": kinetic}))
+    assert numbers["verdict"]["good"] is good
+    shown = banners(numbers, has_reference=True)
+    assert ('class="banner good"' in shown) is good
+    told = f"Forces and shape carry inertia: the kinetic energy of the simulated sheet rose to {100 * kinetic:.1f} %"
+    assert (told in shown) is not good
+
+
+def test_the_headline_names_exact_scans() -> None:
+    """The finished part of a simulated machine always has one; between contours where the job or the variant say so."""
+    simulated = replace(EXACT, variant=0, sheet={"model": "shell"})
+    points = np.zeros((3, 3))
+    scanned = replace(simulated, scans=(kept_scan(2, 1.0, points),), correction="fused")
+
+    def headline(part: PartRecord) -> str:
+        return banners(summary(part), has_reference=True).split("</div>")[0]
+
+    assert "in tolerance (exact scan of the finished part: no errors" in headline(simulated)
+    assert "exact" not in headline(replace(simulated, variant=-1, sheet={}))
+    both = "exact scan of the finished part and between contours"
+    assert both in headline(scanned)
+    assert both not in headline(replace(scanned, correction="none"))
+    assert both not in headline(replace(scanned, variant=21))
+    for variant, sensor in ((0, True), (21, True), (0, False), (21, False), (101, False)):
+        text = f"{PART.job_text}\nspringback: {{scan_sensor: {str(sensor).lower()}}}\n"
+        assert (both in headline(replace(scanned, variant=variant, job_text=text))) is not sensor
 
 
 @pytest.mark.parametrize(("model", "kind"), [("fast", "info"), ("shell_coarse", "good"), (None, "good")])

@@ -9,12 +9,14 @@ from pathlib import Path
 from typing import Any
 
 from isf_analysis.measures.campaign_row import CampaignRow, measured
+from isf_analysis.measures.record import PartRecord
 from isf_analysis.measures.summary import MM
 from isf_core import __version__
 from isf_core.errors import IsfError, coded
 from isf_core.files.campaign import CampaignFile
 from isf_core.files.job import JobFile
 from isf_core.simulated_sheet import default_sheet, sheet_kind
+from isf_planner.predict.tool_marks import surface_of, tool_marks
 from isf_springback.methods import check_method, check_name
 
 from isf_cell import in_process
@@ -116,9 +118,19 @@ def form_case(case: Case) -> dict[str, Any]:
         job_file = case.job_file
         options = RunOptions(variant=row.variant, seed=row.seed, sheet=sheet_kind(row.sheet))
         options.check(job_file)
-        data = measured(row, in_process.form(job_file, options))
+        record = in_process.form(job_file, options)
+        data = measured(row, record) | _planned_marks(record, job_file)
     except Exception as fault:  # a row of its own, beside those of all others
         error = coded(fault)
         data = asdict(replace(row, code=int(error.code), message=error.message))
     wall, cpu = time.perf_counter() - started, time.process_time() - used
     return data | {"wall_s": round(wall, 2), "cpu_s": round(cpu, 2)}
+
+
+def _planned_marks(record: PartRecord, job_file: JobFile) -> dict[str, float]:
+    """Tool marks that the contours leave as they were planned; nothing where no pass lies beside another."""
+    contours = record.nominal
+    marks = surface_of(contours, tool_marks(contours, job_file.job)) if contours else None
+    if marks is None:
+        return {}
+    return {"mark_spacing_mm": round(MM * marks.usual_spacing, 4), "scallop_um": round(1e6 * marks.usual_ridge, 3)}

@@ -246,11 +246,13 @@ def _method(group: Formed) -> dict[str, Any]:
         "median_mean_mm": group.median("mean_mm"),
         "worst_max_mm": worst.max_mm if worst else None,
         "worst_variant": worst.variant if worst else None,
+        "expected_known": len(group.told),
+        "overconfident": group.overconfident,
     }
 
 
 def _show(rows: Sequence[CampaignRow]) -> None:
-    heads = ("job", "method", "whole", "nominal [mm]", "median [mm]", "worst [mm]")
+    heads = ("job", "method", "whole", "nominal [mm]", "median [mm]", "worst [mm]", "overconfident")
     table = terminal.table_of("largest / mean error of wall and base", *heads)
     for group in grouped(rows):
         nominal, worst = group.nominal, group.worst
@@ -261,6 +263,7 @@ def _show(rows: Sequence[CampaignRow]) -> None:
             _pair(nominal.max_mm, nominal.mean_mm) if nominal else "-",
             _pair(group.median("max_mm"), group.median("mean_mm")) if group.others else "-",
             f"{_pair(worst.max_mm, worst.mean_mm)} ({worst.variant})" if worst else "-",
+            f"{group.overconfident} of {len(group.told)}" if group.told else "-",
         )
     if rows:
         terminal.console.print(table)

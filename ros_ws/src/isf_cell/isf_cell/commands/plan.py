@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 import unicodedata
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from isf_analysis.bag.open_bag import bag_of
 from isf_core.contour import Contour, passes_over_floors
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import Job, JobFile, load_job
@@ -29,8 +30,11 @@ from isf_planner.view.arm_figure import arm_pictures
 from isf_planner.view.plan_figure import draw_plan
 from isf_planner.view.reach_figure import axes_use, draw_reach, hexapod_of
 
-from isf_cell.commands import terminal
-from isf_cell.commands.run_folder import make_run_folder
+from isf_cell.commands import plan_contours, terminal
+from isf_cell.commands.plan_contours import WantedMarks
+from isf_cell.commands.resume import being_formed, with_advice
+from isf_cell.commands.run_folder import TRYOUT, TRYOUT_JOB, make_run_folder
+from isf_cell.corrected_plan import NO_TARGET, CorrectedPlan, as_formed, corrected_ahead, uncorrected
 
 _MESH_JOB = """\
 # made by isf plan for a mesh without a job file: single-point forming with common values
@@ -50,32 +54,52 @@ FEATURES = "features"
 
 @dataclass(frozen=True)
 class Wanted:
-    """Files that are wanted besides picture and table: exports in one format, views in three dimensions."""
+    """Files that are wanted besides picture and table: exports in one format, views in three dimensions.
+
+    ``per_stage``: a file for every stage of each export. ``marks``: surface for which a depth step is told.
+    ``as_planned``: exports are not corrected for springback. Of a recorded part ``incomplete``: also of one that is not
+    whole, ``namespace``: its cell, ``base``: folder that paths in its job refer to.
+    """
 
     export: tuple[Path, ...] = ()
     form: str | None = None
     show: tuple[Path, ...] = ()
     colour: str = "wall_angle"
+    as_planned: bool = False
+    incomplete: bool = False
+    namespace: str | None = None
+    base: Path | None = None
+    per_stage: bool = False
+    marks: WantedMarks = field(default_factory=WantedMarks)
 
 
 def plan_part(part: Path, unit: str | None, output: Path | None, wanted: Wanted, *, as_json: bool) -> None:
-    """Plan a job or a bare mesh, or take a plan file; raises IsfError as the planner does."""
+    """Plan a job or a bare mesh, or take a plan file or a recorded part; raises IsfError as the planner does."""
     if part.suffix.lower() == ".npz":
         _convert(part, wanted, as_json=as_json)
+        return
+    if is_run(part):
+        _export_run(part, wanted, as_json=as_json)
         return
     job_file = _job_of(part, unit)
     with terminal.console.status("planning") as status:
         result = plan(job_file, progress=lambda phase, share: status.update(f"{phase} {100 * share:.0f} %"))
+        exported = _corrected(result, job_file, wanted)
+        listed = plan_contours.contour_table(result, job_file)
+        marks = plan_contours.marks_numbers(listed, result, job_file, wanted.marks)
     folder = make_run_folder(output, f"plan-{job_file.job.name}")
     picture = draw_plan(result, job_file, folder / "plan.png")
     table = folder / "contours.csv"
     _write_table(result, table)
     data = _numbers(result) | {"picture": str(picture), "table": str(table), "warnings": list(result.warnings)}
+    by_contour = plan_contours.write_rows(listed.rows, folder / "by_contour.csv")
+    data |= {"contour_table": str(by_contour), "by_contour": list(listed.rows), "tool_marks": marks}
     found = None
     if as_json or wanted.colour == FEATURES:  # they take as long as the plan of a simple part
         found = find_features(Mesh(*result.mesh), job_file.job.tool_1.ball_radius)
         data |= {"features": found.counts()}
-    data |= {"files": [str(path) for path in _write(result, wanted, found, job_file.rig)]}
+    data |= {"files": [str(path) for path in _write(result, wanted, found, job_file.rig, exported)]}
+    data |= {"exported": exported.numbers() if exported is not None else None}
     data |= {"support_force": support_tool.chosen_force(job_file.job, result.contours)}
     data |= {"finishing_passes": job_file.job.path.finishing_passes}
     data |= {"tool_axis": tool_axis(result), "accuracy_surfaces": moved_target(result)}
@@ -88,6 +112,8 @@ def plan_part(part: Path, unit: str | None, output: Path | None, wanted: Wanted,
         f"{data['time_s'] / 60:.1f} min at feed; wall angle up to {data['max_wall_angle_deg']:.1f} deg, "
         f"thinnest {data['min_thickness_mm']:.2f} mm"
     )
+    for line in plan_contours.texts(marks, data["spindle"], job_file):
+        terminal.say(line)
     if found is not None:
         terminal.say(f"features: {feature_view.summary_of(found)}")
     for number, stage in enumerate(result.stages, start=1):
@@ -95,6 +121,8 @@ def plan_part(part: Path, unit: str | None, output: Path | None, wanted: Wanted,
         text += f"up to {np.degrees(stage.wall_angle):.1f} deg"
         if fold := stage.fold_over:
             text += f", {fold.gap_text} to the wall of the stage before, {fold.ratio:.2f} of the limit"
+        if sheet := stage.sheet:
+            text += f"; sheet {1e3 * sheet.thinnest:.2f} mm, strain left {sheet.least_margin:.2f}"
         terminal.say(text)
     if passes := data["finishing_passes"]:
         terminal.say(f"{passes} finishing pass{'es' if passes > 1 else ''} over the whole part on the same path")
@@ -115,13 +143,15 @@ def plan_part(part: Path, unit: str | None, output: Path | None, wanted: Wanted,
         )
     for warning in result.warnings:
         terminal.warn(warning)
-    terminal.say(f"picture {picture}\ntable   {table}")
+    terminal.say(f"picture {picture}\ntable   {table}, {by_contour.name} beside it")
     for line in arm_text(data["machine"]):
         terminal.say(line)
     if "picture" in data["machine"]:
         terminal.say(f"reach   {data['machine']['picture']}")
     if data["backing_plate"]:
         terminal.say(f"plate   {data['backing_plate']}\n        {data['backing_plate_drawing']}")
+    if exported is not None:
+        _tell(exported)
     for path in data["files"]:
         terminal.say(f"file    {path}")
 
@@ -269,21 +299,126 @@ def _convert(path: Path, wanted: Wanted, *, as_json: bool) -> None:
     data = _numbers(result) | {"files": [str(file) for file in _write(result, wanted)]}
     if as_json:
         terminal.print_json(data)
+    for line in result.origin:
+        terminal.say(line)
     for file in data["files"]:
         terminal.say(f"file    {file}")
 
 
-def _write(result: Plan, wanted: Wanted, found: FeatureMap | None = None, rig: Rig | None = None) -> list[Path]:
-    """Exports and views; a plan file has no ``found`` features, as it does not know the radius of the tool, and no rig
-    whose arms programs could speak of."""
+def job_of_tryout(part: Path) -> Path:
+    """The job that a try-out came to, where ``part`` is its folder; else ``part``. Raises IsfError FILE_NOT_FOUND."""
+    if not (part / TRYOUT).is_file():
+        return part
+    job = part / TRYOUT_JOB
+    if not job.is_file():
+        raise IsfError(
+            ErrorCode.FILE_NOT_FOUND,
+            "the try-out has not come to its end",
+            where=str(job),
+            advice="isf tryout JOB -o FOLDER goes on with it",
+        )
+    return job
+
+
+def is_run(part: Path) -> bool:
+    """True where ``part`` is a folder or file of a recorded part, by its name."""
+    return part.is_dir() or part.suffix.lower() in BAGS
+
+
+BAGS = (".mcap", ".db3")
+"""Endings of files of a bag."""
+
+
+def _export_run(part: Path, wanted: Wanted, *, as_json: bool) -> None:
+    """Exports and views of the contours that a part was formed with."""
+    if not wanted.export and not wanted.show:
+        raise IsfError(
+            ErrorCode.EXPORT_FORMAT_UNKNOWN,
+            "a recorded part is planned already",
+            where=str(part),
+            advice="add --export FILE for the contours as they were formed, or --show FILE; isf report shows the part",
+        )
+    run = bag_of(part).parent
+    if being_formed(run) and not wanted.incomplete:
+        raise IsfError(ErrorCode.BUSY, "the part is being formed", where=str(part), advice="wait until it ends")
+    try:
+        formed = as_formed(part, wanted.namespace, wanted.base, incomplete=wanted.incomplete, nominal=wanted.as_planned)
+    except IsfError as error:
+        raise with_advice(error, run) from None
+    _check_of_run(formed, part, wanted)
+    files = _write(formed.plan, wanted, rig=formed.rig)
+    data = _numbers(formed.plan) | {"files": [str(file) for file in files], "exported": formed.numbers()}
+    if as_json:
+        terminal.print_json(data)
+    _tell(formed)
+    for file in data["files"]:
+        terminal.say(f"file    {file}")
+
+
+def _check_of_run(formed: CorrectedPlan, part: Path, wanted: Wanted) -> None:
+    """Raise IsfError for exports that a record does not hold enough for."""
+    forms = [exports.format_of(path, wanted.form) for path in wanted.export]
+    if "stl" in forms:
+        raise IsfError(
+            ErrorCode.EXPORT_FORMAT_UNKNOWN,
+            "a record holds the target on a grid alone, and not the surface that was planned",
+            where=str(part),
+            advice="export that from the job; isf report RUN --export DIR writes the shape that was formed",
+        )
+    if formed.plan.target is NO_TARGET and (wanted.show or "plan" in forms):
+        raise IsfError(
+            ErrorCode.BAG_INCOMPLETE,
+            "holds no target (topic part/target), which plan files and views show",
+            where=str(part),
+            advice="export a program or a table",
+        )
+    if formed.rig_lost is not None and any(exports.for_arms(form) for form in forms):
+        raise formed.rig_lost
+
+
+def _corrected(result: Plan, job_file: JobFile, wanted: Wanted) -> CorrectedPlan | None:
+    """What is exported of the plan of a job, with the corrections that are known before it is formed; None: nothing
+    that has contours."""
+    if all(exports.format_of(path, wanted.form) == "stl" for path in wanted.export):
+        return None
+    if wanted.as_planned:
+        return uncorrected(result, job_file)
+    try:
+        return corrected_ahead(result, job_file)
+    except IsfError as error:
+        advice = "; ".join(filter(None, (error.advice, "--as-planned exports the plan without a correction")))
+        raise IsfError(error.code, error.what, where=error.where, advice=advice) from error
+
+
+def _tell(exported: CorrectedPlan) -> None:
+    """What the exports are of, for people."""
+    for line in exported.plan.origin:
+        terminal.say(line)
+    if exported.corrected:
+        terminal.say(f"largest correction {1e3 * exported.largest:.2f} mm")
+    for remark in exported.remarks:
+        terminal.warn(remark)
+
+
+def _write(
+    result: Plan,
+    wanted: Wanted,
+    found: FeatureMap | None = None,
+    rig: Rig | None = None,
+    exported: CorrectedPlan | None = None,
+) -> list[Path]:
+    """Exports, of the contours ``exported`` where they are others than those of ``result``, and views; a plan file has
+    no ``found`` features, as it does not know the radius of the tool, and no rig whose arms programs could speak of."""
     arms = (None, None) if rig is None else (rig.arm(1), rig.arm(2))
-    written = [file for path in wanted.export for file in exports.export(result, path, wanted.form, arms)]
+    of = result if exported is None else exported.plan
+    write = exports.export_stages if wanted.per_stage else exports.export
+    written = [file for path in wanted.export for file in write(of, path, wanted.form, arms)]
     if wanted.colour != FEATURES:
         return written + [plan_view.show(result, path, wanted.colour) for path in wanted.show]
     if found is None:
         raise IsfError(
             ErrorCode.EXPORT_FORMAT_UNKNOWN,
-            "a plan file does not hold the features of the part",
+            "neither a plan file nor a recorded part holds the features of the part",
             advice="show them from the job or the mesh: isf plan JOB --show FILE --colour features",
         )
     contours = [contour for contour in result.contours if contour.stage == result.contours[-1].stage]
@@ -328,6 +463,9 @@ def _numbers(result: Plan) -> dict[str, Any]:
             "wall_angle_deg": float(np.degrees(stage.wall_angle)),
             "gap_over_limit": stage.fold_over.ratio if stage.fold_over else None,
             "gap_at_least": stage.fold_over is not None and stage.fold_over.at_least,
+            "thickness_min_mm": 1e3 * stage.sheet.thinnest if stage.sheet else None,
+            "margin": stage.sheet.least_margin if stage.sheet else None,
+            "margin_at_mm": (1e3 * stage.sheet.place).tolist() if stage.sheet else None,
         }
         for stage in result.stages
     ]
@@ -345,6 +483,7 @@ def _numbers(result: Plan) -> dict[str, Any]:
         "depth_mm": float(-1e3 * min(contour.forming_tip[:, 2].min() for contour in contours)),
         "stages": stages,
         "partial_paths": _partial(result),
+        "spindle": plan_contours.spindle_numbers(result),
     }
 
 

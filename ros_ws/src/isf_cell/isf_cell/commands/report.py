@@ -110,6 +110,19 @@ def _machine_use(record: PartRecord) -> dict[str, Any]:
     return machine_use(job_file.rig, record.nominal, job_file.job.tool_1.ball_radius)
 
 
+def _check_no_program(export: Path) -> None:
+    """Raise IsfError FILE_FIELD where ``export`` is named as a program, and not as the folder that it stands for."""
+    from isf_planner.exports import FORMATS  # late: the planner takes a second to load
+
+    if export.suffix.lower() in FORMATS.keys() - {".stl"} and not export.is_dir():
+        raise IsfError(
+            ErrorCode.FILE_FIELD,
+            "is no folder, and the formed shape goes into one",
+            where=f"--export {export}",
+            advice=f"the program of the contours as they were formed: isf plan RUN --export {export.name}",
+        )
+
+
 def report_bag(
     bag: Path,
     reference: Path | None,
@@ -129,6 +142,8 @@ def report_bag(
     Raises IsfError BAG_UNREADABLE, BAG_INCOMPLETE, FILE_FIELD, FILE_NOT_WRITABLE.
     """
     planes = planes_of(sections)
+    if export is not None:
+        _check_no_program(export)
     bag = bag_of(bag).resolve()
     folder = make_folder(output or bag.parent)
     reference = reference and bag_of(reference)

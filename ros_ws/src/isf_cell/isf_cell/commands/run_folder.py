@@ -10,6 +10,9 @@ from pathlib import Path
 
 from isf_core.errors import ErrorCode, IsfError
 
+TRYOUT, TRYOUT_JOB = "tryout.json", "job.yaml"
+"""In the folder of a try-out: what it was begun for, and its result, the job with the correction that it found."""
+
 
 @contextmanager
 def run_folder(output: Path | None, job_name: str) -> Iterator[Path]:

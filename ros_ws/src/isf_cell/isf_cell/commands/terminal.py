@@ -142,6 +142,8 @@ def show_summary(summary: Mapping[str, Any], reference: Mapping[str, Any] | None
             number(summary, "deviation", key),
             number(reference, "deviation", key),
         )
+    if expected := summary.get("expected_error"):
+        row("expected largest / mean error [mm]", _expected(expected))
     whole = ("deviation", "regions", "wall_and_base", "within_tolerance_fraction")
     row(
         f"points in tolerance ({number(summary, 'tolerance', 'shape_mm')} mm), wall and base",
@@ -171,6 +173,15 @@ def show_summary(summary: Mapping[str, Any], reference: Mapping[str, Any] | None
         warn(warning)
 
 
+def _expected(found: Mapping[str, Any]) -> str:
+    """What the correction expected of wall and base, and how far beyond or below it the part came out."""
+    if found["largest_mm"] is None:
+        return "not known"
+    ratio = found["reached_over_expected"]
+    pair = f"{found['largest_mm']:.2f} / {found['mean_mm']:.2f}"
+    return pair if ratio is None else f"{pair} (reached: {ratio:.1f} x)"
+
+
 def _show_verdict(summary: Mapping[str, Any]) -> None:
     """Green for a good part alone; else what it falls short of, or the proviso under which it is good."""
     found = summary.get("verdict")
@@ -196,6 +207,10 @@ def _warnings(summary: Mapping[str, Any]) -> list[str]:
         from isf_springback.estimators.fused import MODEL_ALONE  # late: takes a second to load
 
         remarks = [text for text in remarks if text == MODEL_ALONE]
+    expected = summary.get("expected_error") or {}
+    if expected.get("overconfident"):
+        ratio = expected["reached_over_expected"]
+        remarks.append(f"the largest error is {ratio:.1f} times what the correction expected: it was overconfident")
     return [*map(str, summary.get("notes") or ()), *remarks]
 
 

@@ -12,7 +12,8 @@
    so that on a real sheet what scans show to be different is corrected.
 
 With several variants of the plant all of this is for their errors together. The best part is the result; it is formed
-once more on variants that had no say in it, which tells what to expect of a sheet nobody knows.
+once more on variants that had no say in it, with other cells and another tool speed (:data:`JUDGES`), which tells what
+to expect of a sheet nobody knows.
 
 Every part stays in the folder as a bag, so that a try-out that was stopped goes on where it was.
 """
@@ -42,7 +43,7 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.events import torn
 from isf_core.files import yaml_file
 from isf_core.files.job import Job, JobFile, correction_refusal, floor_rounds, floor_step, load_job
-from isf_core.simulated_sheet import FORCE_TOO_HIGH, SEALED_VARIANTS, SheetKind, check_sheet
+from isf_core.simulated_sheet import FORCE_TOO_HIGH, SEALED_VARIANTS, SheetKind, check_sheet, sheet_kind
 from isf_core.types import Array
 from isf_planner import planning
 from isf_planner.checks.backing_plate import nearer_plate, plate_fields, plate_text
@@ -59,7 +60,7 @@ from isf_cell.campaign.content import job_content
 from isf_cell.commands import terminal
 from isf_cell.commands.learn import learn_record
 from isf_cell.commands.report import first_failure
-from isf_cell.commands.run_folder import make_folder
+from isf_cell.commands.run_folder import TRYOUT, TRYOUT_JOB, make_folder
 from isf_cell.options import RunOptions
 from isf_cell.processes.part_pool import formed_beside
 
@@ -90,6 +91,14 @@ ENOUGH = 0.95
 IDLE_STEPS = 2
 """Steps in a row that have not helped, after which there are no more."""
 
+JUDGES: dict[SheetKind, SheetKind] = {
+    "fast": "shell_coarse",
+    "shell_coarse": "shell",
+    "shell": "shell_coarse",
+    "shell_fine": "shell",
+}
+"""Sheet that the result of a try-out on another one is formed on to judge it, unless told otherwise."""
+
 Scans = Literal["none", "exact", "as wanted"]
 """Between the contours of a part with a plan: none, those of the job without a scanner's errors, those of the job."""
 
@@ -103,9 +112,6 @@ opening there, in place of a force. Fields that hold for the other way are left 
 
 LEARNED = "learned"
 """Method by which a correction that was found is formed."""
-
-STATE = "tryout.json"
-"""What a folder was begun for."""
 
 FILES = frozenset(
     {
@@ -135,6 +141,7 @@ class Tryout:
     variants : of the plant, which the correction is for ; checks : on which the best part is formed again
     seed : of sensor noise and variants ; jobs : parts at a time ; correction : of the first part; None: the job's
     alternatives : changes of the job, each as fields in YAML, which make one more set-up each
+    check_sheet : model that forms the checks; None: that of JUDGES
     """
 
     job: Path
@@ -146,6 +153,12 @@ class Tryout:
     jobs: int = 1
     correction: str | None = None
     alternatives: tuple[str, ...] = ()
+    check_sheet: SheetKind | None = None
+
+    @property
+    def judge(self) -> SheetKind:
+        """Sheet that the checks are formed on."""
+        return self.check_sheet or JUDGES[self.sheet]
 
 
 @dataclass(frozen=True)
@@ -191,6 +204,11 @@ class Trial:
         """N, the largest axial one that was measured."""
         axial = [np.abs(result.forming_force[:, 2]) for result in self.record.results if len(result.forming_force)]
         return float(np.nan_to_num(np.concatenate([[0.0], *axial])).max())
+
+    @property
+    def sheet(self) -> SheetKind:
+        """That it was formed on."""
+        return sheet_kind(str(self.record.sheet["model"])) or "fast"
 
     @property
     def within(self) -> float:
@@ -259,15 +277,17 @@ def try_out(wanted: Tryout, output: Path | None, *, as_json: bool) -> None:
         wanted = replace(wanted, checks=tuple(variant for variant in wanted.checks if variant not in shared))
     job_file = load_job(wanted.job)
     set_ups = _set_ups(wanted, job_file)
+    _check_judge(wanted, set_ups)
     folder = _folder(wanted, set_ups, output)
     search = Search(wanted, set_ups, folder)
     try:
         search.run()
         search.scan_best()
-        (check,) = search.form([(f"check of {search.best.name}", search.plan)], wanted.checks, scans="as wanted")
+        name = f"check of {search.best.name} on {wanted.judge}"
+        (check,) = search.form([(name, search.plan)], wanted.checks, scans="as wanted", sheet=wanted.judge)
     except IsfError:
         if not any(item.is_dir() for item in folder.iterdir()):  # refused before a part was formed
-            (folder / STATE).unlink()
+            (folder / TRYOUT).unlink()
             with suppress(OSError):  # holds something else
                 folder.rmdir()
         raise
@@ -350,16 +370,21 @@ class Search:
         learning.save(replace(seen, push=learning.load(best).push), self.plan)
 
     def form(
-        self, wanted: Sequence[tuple[str, Path | None]], variants: Sequence[int], scans: Scans = "none"
+        self,
+        wanted: Sequence[tuple[str, Path | None]],
+        variants: Sequence[int],
+        scans: Scans = "none",
+        sheet: SheetKind | None = None,
     ) -> list[Tried]:
-        """Parts of the names and plans ``wanted``, on each of ``variants``; ``scans`` of those with a plan.
+        """Parts of the names and plans ``wanted``, on each of ``variants``; ``scans`` of those with a plan. ``sheet``
+        None: that of the try-out.
 
         Raises IsfError what the job is refused for, as long as no part was formed in this set-up.
         """
         jobs = [_tried(self.job_file, plan, self.correction, scans) for _, plan in wanted]
         accepted = any(part.trials for part in self.parts if part.set_up == self.set_up.name)
         tasks = [
-            _Task(job.text, job.base, job.job.name, self.wanted.sheet, variant, self.wanted.seed,
+            _Task(job.text, job.base, job.job.name, sheet or self.wanted.sheet, variant, self.wanted.seed,
                   self.folder / name.replace(" ", "_") / f"variant_{variant}", name, accepted)
             for job, (name, _) in zip(jobs, wanted, strict=True)
             for variant in variants
@@ -433,8 +458,9 @@ class Search:
         before = path.read_bytes() if path.exists() else None
         learning.save(replace(knowledge, push=np.clip(push, LEAST_PUSH, LARGEST_CORRECTION), seen=None), path)
         if before is not None and path.read_bytes() != before:
-            for stale in (path.stem, f"scans_of_{path.stem}", f"check_of_{path.stem}"):
-                shutil.rmtree(self.folder / stale, ignore_errors=True)
+            checks = self.folder.glob(f"check_of_{path.stem}_on_*")
+            for stale in (self.folder / path.stem, self.folder / f"scans_of_{path.stem}", *checks):
+                shutil.rmtree(stale, ignore_errors=True)
         return name, path
 
     def _probed(self, start: Learned, bands: Array, error: Array) -> Array:
@@ -559,6 +585,31 @@ def _set_ups(wanted: Tryout, job_file: JobFile) -> list[SetUp]:
     return found
 
 
+def _check_judge(wanted: Tryout, set_ups: Sequence[SetUp]) -> None:
+    """Raise IsfError FILE_FIELD for a sheet of the checks that cannot form one of ``set_ups``, or that no part is
+    formed on; warn of one that is the sheet of the try-out."""
+    where = f"--check-sheet {wanted.check_sheet}"
+    if not wanted.checks:
+        if wanted.check_sheet is not None:
+            raise IsfError(
+                ErrorCode.FILE_FIELD,
+                "has no effect: no part is checked",
+                where=where,
+                advice="name variants by --check",
+            )
+        return
+    for way in set_ups:
+        try:
+            check_sheet(wanted.judge, way.job_file.job)
+        except IsfError as error:
+            what = f"{way.name} ({way.change}) cannot be checked on it: {error.what}"
+            raise IsfError(error.code, what, where=where, advice=f"take {JUDGES[wanted.sheet]}") from error
+    if wanted.judge == wanted.sheet:
+        terminal.warn(
+            f"the result is judged by the sheet {wanted.sheet} that it was found on: the same cells and speeds"
+        )
+
+
 def _check_correctable(job_file: JobFile) -> None:
     """What a try-out finds, a correction by method learned, fits the job and can be judged.
 
@@ -609,7 +660,7 @@ def _folder(wanted: Tryout, set_ups: Sequence[SetUp], output: Path | None) -> Pa
     ways = [job_content(way.job_file) for way in set_ups]
     said = json.dumps([__version__, *ways, wanted.sheet, wanted.variants, wanted.seed, wanted.correction])
     key = hashlib.sha256(said.encode()).hexdigest()
-    state = folder / STATE
+    state = folder / TRYOUT
     others = [item for item in folder.iterdir() if item != state]  # a refused try-out leaves none
     if others and not state.exists():
         raise IsfError(ErrorCode.FILE_NOT_WRITABLE, "is not empty", where=str(folder), advice="choose another --output")
@@ -768,14 +819,22 @@ def _prevented(search: Search, check: Tried) -> list[str]:
 
 def _overload(search: Search, trials: Sequence[Trial]) -> str:
     """That a part took more than the machine bears, for people; empty: none did."""
-    force, bears = max(trial.force for trial in trials), search.job_file.rig.limits.force[2]
-    if force <= bears:
+    worst, bears = max(trials, key=lambda trial: trial.force), search.job_file.rig.limits.force[2]
+    if worst.force <= bears:
         return ""
     return (
-        f"the part took {force:.0f} N here, {search.job_file.rig.name} bears {bears:.0f} N: cells of this size "
-        f"overstate the force by up to {FORCE_TOO_HIGH[search.wanted.sheet]:g} times, so that a real part may do with "
-        "less"
+        f"the part took {worst.force:.0f} N here, {search.job_file.rig.name} bears {bears:.0f} N: cells of this size "
+        f"overstate the force by up to {FORCE_TOO_HIGH[worst.sheet]:g} times, so that a real part may do with less"
     )
+
+
+def _stands_on(wanted: Tryout, trials: Sequence[Trial]) -> str:
+    """What an expectation from ``trials`` stands on, for people."""
+    variants = f"variant{'s' * (len(trials) > 1)} {', '.join(str(trial.variant) for trial in trials)}"
+    if any(trial.variant in wanted.variants for trial in trials):
+        return f"the parts that the correction was made for (sheet {wanted.sheet}, {variants}): no check of it"
+    other = "of other cells and tool speed" if wanted.judge != wanted.sheet else "that it was found on, too"
+    return f"parts on {variants}, which had no say in it, and on the sheet {wanted.judge}, {other}"
 
 
 def _finish(search: Search, check: Tried, *, as_json: bool) -> None:
@@ -784,8 +843,10 @@ def _finish(search: Search, check: Tried, *, as_json: bool) -> None:
     plan = None
     if search.plan is not None:
         plan = Path("plan.npz")  # beside the job
-        shutil.copyfile(search.plan, folder / plan)
-    job = folder / "job.yaml"
+        sheets = f"{wanted.sheet}, checked on {wanted.judge}" if check.trials else wanted.sheet
+        found_plan = _with_tried(learning.load(search.plan), check.trials or best.trials)
+        learning.save(replace(found_plan, source=f"try-out on the simulated sheet {sheets}"), folder / plan)
+    job = folder / TRYOUT_JOB
     head = f"# {name} with the correction of a try-out on the simulated sheet {wanted.sheet}\n"
     if search.set_up.name != search.set_ups[0].name:
         head += f"# Set-up: {' '.join(search.set_up.change.split())}\n"
@@ -805,6 +866,8 @@ def _finish(search: Search, check: Tried, *, as_json: bool) -> None:
             "largest_mm": {"median": _mm(expected, "largest", np.median), "worst": _mm(expected, "largest", np.max)},
             "mean_mm": {"median": _mm(expected, "mean", np.median), "worst": _mm(expected, "mean", np.max)},
             "from_variants": [trial.variant for trial in expected],
+            "from_sheet": expected[0].sheet,
+            "stands_on": _stands_on(wanted, expected),
         },
         "set_up": search.set_up.change,
         "set_ups_refused": {
@@ -830,17 +893,31 @@ def _finish(search: Search, check: Tried, *, as_json: bool) -> None:
         for trial in part.trials:
             table.add_row(trial.part + (" (chosen)" if part is best else ""), *_cells(trial))
     for trial in check.trials:
-        table.add_row("chosen, other variants", *_cells(trial))
+        table.add_row(f"chosen, on {trial.sheet}", *_cells(trial))
     terminal.console.print(table)
     for text in (*prevented, *([overload] if overload else [])):
         terminal.warn(text)
     errors = [_mm(expected, key, of) for of in (np.median, np.max) for key in ("largest", "mean")]
     terminal.say(
-        "to expect of a sheet like {}: {:.2f} mm largest, {:.2f} mm mean (worst {:.2f} / {:.2f})".format(
-            "these" if check.trials else "this", *errors
-        )
+        "to expect: {:.2f} mm largest, {:.2f} mm mean (worst {:.2f} / {:.2f}), by ".format(*errors)
+        + _stands_on(wanted, expected)
     )
     terminal.say(f"picture {picture}\njob     {job}   (isf form, isf simulate --sheet shell --variant 101)")
+
+
+def _with_tried(found: Learned, trials: Sequence[Trial]) -> Learned:
+    """``found`` with the errors of ``trials`` with this correction: what parts that are formed from it expect."""
+    return replace(found, tried=np.array([_by_place(found, trial) for trial in trials]))
+
+
+def _by_place(found: Learned, trial: Trial) -> Array:
+    """(K,) m, error of wall and base by the places of ``found`` on the contours that made the shape; NaN: of others."""
+    made = np.isin(found.contour, [contour.index for contour in trial.record.last_stage])
+    error = trial.deviation.error
+    of_part = np.where(trial.deviation.masks["wall_and_base"], error.z, np.nan)
+    by_place = np.full(len(made), np.nan)
+    by_place[made] = learning.error_by_place(found.place[made], replace(error, z=of_part))
+    return by_place
 
 
 def _mm(trials: Sequence[Trial], name: str, of: Any) -> float:

@@ -15,7 +15,8 @@ from isf_analysis.bag.table_files import write_tables
 from isf_analysis.figures import distance_figures, style
 from isf_analysis.measures.contour_scan import kept_scan
 from isf_analysis.measures.plan_mask import PlanMask, shapes_of
-from isf_cell.commands.compare import Masks, compare_shapes, load_shape
+from isf_cell.commands.compare import Masks, compare_shapes
+from isf_cell.shape_file import load_shape
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import load_job
 from isf_planner.planning import plan
@@ -53,6 +54,26 @@ def test_two_runs(runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
     fitted = compared(capsys, runs / "second", runs / "first", None, "fit", tmp_path / "fit")
     assert fitted["max_abs_mm"] < 0.01
     assert fitted["moved"]["shift_mm"][2] == pytest.approx(-1e3 * LIFT, abs=0.005)
+
+
+def test_the_six_numbers_of_a_step_up_and_down(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A plate 100 x 100 mm: a quarter of it 0.4 mm high, a quarter 0.1 mm low, half of it on the other one."""
+    x, y = (part.ravel() / 1e3 for part in np.meshgrid(np.arange(-50, 51), np.arange(-50, 51)))
+    np.savez(tmp_path / "flat.npz", points=np.column_stack([x, y, 0.0 * x]))
+    z = np.where(x < 0.0, 0.0, np.where(y < 0.0, 0.4e-3, -0.1e-3))
+    np.savez(tmp_path / "steps.npz", points=np.column_stack([x, y, z]))
+    compare_shapes(tmp_path / "steps.npz", tmp_path / "flat.npz", None, "clamp", (0.2,), tmp_path / "out", as_json=True)
+    shown = capsys.readouterr()
+    table2 = json.loads(shown.out)["table2"]
+    assert (table2["mean_positive_mm"], table2["mean_negative_mm"]) == pytest.approx((0.4, -0.1), abs=1e-9)
+    assert (table2["max_mm"], table2["min_mm"]) == pytest.approx((0.4, -0.1), abs=1e-9)
+    # rows on the border of the quarters: half a cell more or less
+    assert table2["mean_mm"] == pytest.approx(0.25 * 0.4 - 0.25 * 0.1, abs=0.005)
+    assert table2["std_mm"] == pytest.approx((0.25 * 0.4**2 + 0.25 * 0.1**2 - 0.075**2) ** 0.5, abs=0.005)
+    for words in ("mean of what lies above", "mean of what lies below", "+0.400 mm", "-0.100 mm", "standard deviation"):
+        assert words in shown.err
+    compare_shapes(tmp_path / "flat.npz", tmp_path / "flat.npz", None, "clamp", (0.2,), tmp_path / "same", as_json=True)
+    assert json.loads(capsys.readouterr().out)["table2"]["mean_negative_mm"] is None
 
 
 def test_clouds_as_the_tables_of_a_bag_have_them(runs: Path, tmp_path: Path) -> None:

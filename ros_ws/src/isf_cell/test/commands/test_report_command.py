@@ -55,6 +55,19 @@ def test_a_report_with_its_shape(
     assert (tmp_path / "shape" / "formed.ply").is_file()
 
 
+@pytest.mark.parametrize("name", ["part.nc", "part.mpf", "PART.SRC"])
+def test_a_program_is_not_what_the_shape_is_exported_as(name: str, tmp_path: Path) -> None:
+    """It would become a folder of that name: the command that writes programs of runs is told, and nothing is made."""
+    run = tmp_path / "run"
+    write_bag(PART, run / "bag")
+    with pytest.raises(IsfError, match="is no folder") as caught:
+        report.report_bag(run, None, None, tmp_path / name, as_json=False)
+    assert exit_for(caught.value.code) == Exit.INPUT
+    assert f"isf plan RUN --export {name}" in caught.value.advice
+    assert not (tmp_path / name).exists()
+    assert not (run / "report.html").exists()
+
+
 def test_a_section_that_cannot_be_drawn_leaves_the_report_as_it_was(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -82,7 +82,10 @@ def test_residuals_of_a_load_cell_have_units(tmp_path: Path) -> None:
 
 def test_a_share_that_falls_short_does_not_read_as_the_wanted_one() -> None:
     """99.96 % of a comparison, 89.6 % of a part that is tried out."""
-    lengths = {"mean_mm": 0.1, "mean_abs_mm": 0.1, "rms_mm": 0.1, "p95_abs_mm": 0.1, "max_abs_mm": 0.1}
+    lengths: dict[str, Any] = {"mean_mm": 0.1, "mean_abs_mm": 0.1, "rms_mm": 0.1, "p95_abs_mm": 0.1, "max_abs_mm": 0.1}
+    lengths["table2"] = dict.fromkeys(
+        ("mean_positive_mm", "mean_negative_mm", "max_mm", "min_mm", "mean_mm", "std_mm"), 0.1
+    )
     shares = {"within_fraction": {"0.3": 0.9996}, "mask": {}, "beside_fraction": 0.0, "worst_mm": [0.0, 0.0, 0.0]}
     files = {
         "moved": None,

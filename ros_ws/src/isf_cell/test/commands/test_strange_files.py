@@ -11,10 +11,10 @@ from damaged import STRANGE, put_strange
 from isf_analysis.measures.plan_mask import shapes_of
 from isf_cell.campaign.rows_file import read_rows
 from isf_cell.commands.calibrate_cell import calibrate_file
-from isf_cell.commands.compare import load_shape
 from isf_cell.commands.identify_dial import read_dial
 from isf_cell.commands.play import _parameter
 from isf_cell.replay import what_if
+from isf_cell.shape_file import load_shape
 from isf_core.errors import ErrorCode, IsfError
 from isf_planner.accuracy import formed_parts
 from isf_planner.exports.plan_file import load_plan

@@ -31,7 +31,17 @@ from isf_core.contour import Process
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files import yaml_file
 from isf_core.files.material import Material, load_material
-from isf_core.files.quantity import Acceleration, Angle, AngularSpeed, Force, Frequency, Length, Speed, Stress
+from isf_core.files.quantity import (
+    Acceleration,
+    Angle,
+    AngularSpeed,
+    Force,
+    Frequency,
+    Length,
+    Speed,
+    SpindleSpeed,
+    Stress,
+)
 from isf_core.files.rig import Rig, load_rig
 from isf_core.files.tooling import BackingPlateSpec, SheetSpec, ToolSpec, with_named_sections
 from isf_core.files.yaml_file import FieldError, FileModel
@@ -195,6 +205,12 @@ class PathSpec(FileModel):
     thickness: Literal["sine_law", "overlap"] = "sine_law"
     """How the formed thickness is predicted that the support tool's gap follows."""
 
+    spindle: Literal["none", "rolling"] | Annotated[SpindleSpeed, Field(gt=-5236.0, lt=5236.0)] = "none"
+    """Turning of the upper tool in exported programs, while it forms: none; rolling: contour by contour so fast that it
+    rolls along the wall (Behera 2015; not ADSIF); or one speed all along, positive clockwise seen from above (M3)."""
+    spindle_limit: SpindleSpeed = Field(default=1000.0 * math.pi / 30.0, gt=0.0, lt=5236.0)
+    """Spindle rolling: largest speed, which shallow walls ask for (assumed; of the machine)."""
+
     compensation: tuple[Literal["tool", "sheet", "machine"], ...] = ()
     """What is compensated in the plan, without feedback: bending of the forming tool, elastic deflection of the sheet,
     error map of the machine."""
@@ -230,6 +246,12 @@ class PathSpec(FileModel):
             raise ValueError("compensation machine needs machine_error, the file with the measured errors")
         if len(set(self.compensation)) != len(self.compensation):
             raise ValueError("compensation lists something twice")
+        return self
+
+    @model_validator(mode="after")
+    def _spindle(self) -> PathSpec:
+        if self.spindle == 0.0:
+            raise ValueError("spindle 0 rpm does not turn: write spindle: none, or leave it out")
         return self
 
     @model_validator(mode="after")
@@ -274,6 +296,7 @@ class PathSpec(FileModel):
             "largest_step": (self.spacing != "depth", "spacing scallop or arc"),
             "ramp_length": (self.transition == "ramp", "transition ramp"),
             "floor_rounds": (self.floor_step != "none", "floor_step"),
+            "spindle_limit": (self.spindle == "rolling", "spindle rolling"),
             "sheet_term": ("sheet" in self.compensation, "compensation sheet"),
             "sheet_gain": ("sheet" in self.compensation, "compensation sheet"),
             "machine_error": ("machine" in self.compensation, "compensation machine"),
@@ -293,6 +316,10 @@ class PathSpec(FileModel):
             return f"path.squeeze_factor needs process DSIF: the gap of {process} does not follow it"
         if process != "DSIF" and self.islands != "around":
             return f"path.islands {self.islands} needs process DSIF: {process} has no second tool that forms"
+        if process == "ADSIF" and self.spindle == "rolling":
+            return (
+                "path.spindle rolling needs process SPIF, DSIF or TPIF: in ADSIF the wall is not where the tool touches"
+            )
         if process in ("SPIF", "DSIF"):
             return None
         if self.stages:
@@ -760,7 +787,8 @@ class Job(FileModel):
     strategy: str = ""
     """Process of another package that plans the contours; ``process: NAME`` sets it, and its kind as the process."""
     wall_angle_limit: Angle | None = Field(default=None, gt=0.0, lt=1.5708)
-    """Largest wall angle that may be planned, in place of the material's; what the sheet bears does not change."""
+    """Largest wall angle that may be planned, in place of what one pass and each further one may add by the material;
+    what the sheet bears does not change."""
     _support_window: SupportWindow | None = PrivateAttr(default=None)
 
     @model_validator(mode="after")

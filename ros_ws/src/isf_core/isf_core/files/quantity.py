@@ -117,6 +117,7 @@ Torque = Annotated[float, BeforeValidator(_to_si("N*m", "5 N*m")), Reading("N*m"
 Stress = Annotated[float, BeforeValidator(_to_si("Pa", "70 GPa")), Reading("MPa", 1e6)]
 Angle = Annotated[float, BeforeValidator(_to_si("rad", "50 deg")), Reading("deg", math.pi / 180.0)]
 AngularSpeed = Annotated[float, BeforeValidator(_to_si("rad/s", "10 deg/s")), Reading("deg/s", math.pi / 180.0)]
+SpindleSpeed = Annotated[float, BeforeValidator(_to_si("rad/s", "65 rpm")), Reading("rpm", math.pi / 30.0)]
 Compliance = Annotated[float, BeforeValidator(_to_si("m/N", "1.0 um/N")), Reading("um/N", 1e-6)]
 Stiffness = Annotated[float, BeforeValidator(_to_si("N/m", "0.45 N/um")), Reading("N/um", 1e6)]
 AngularStiffness = Annotated[float, BeforeValidator(_to_si("N*m/rad", "1.5 MN*m/rad")), Reading("kN*m/rad", 1e3)]

@@ -155,9 +155,9 @@ def nearer_plate(contours: Sequence[Contour], mesh: Mesh, job: Job, rig: Rig) ->
     sections = [section.points for section in slice_mesh(mesh, np.array([-PLATE_TOLERANCE]))[0] if section.closed]
     reach = np.maximum(_reach(places) + PLATE_GAP, _reach(np.vstack([np.zeros((1, 2)), *sections])))
     across, along_x, along_y = (1e-3 * math.ceil(2e3 * half - 1e-6) for half in reach)
-    plates = [
-        BackingPlateSpec(shape="circle", size=(across, across)),
-        BackingPlateSpec(shape="rectangle", size=(along_x, along_y)),
+    plates = [  # of numbers that need no reading
+        BackingPlateSpec.model_construct(shape="circle", size=(across, across)),
+        BackingPlateSpec.model_construct(shape="rectangle", size=(along_x, along_y)),
     ]
     left, plate = min(((float(plate.inside(*places.T).max()), plate) for plate in plates), key=lambda pair: pair[0])
     if left > NEAR:

@@ -14,6 +14,7 @@ import shapely
 from isf_core.contour import Contour, contour_label
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import Job
+from isf_core.files.material import Material
 from isf_core.files.rig import Rig
 from isf_core.files.tooling import ToolSpec
 from isf_core.geometry.tool_axis import point_on_axis, tilt_of
@@ -21,19 +22,16 @@ from isf_core.types import Array
 
 from isf_planner.checks import arm_checks, leg_checks
 from isf_planner.checks.mesh_slicing import MeshLoop, slice_mesh
+from isf_planner.forming import permission
 from isf_planner.forming.sides import Side, first_number, holder
 from isf_planner.loops.sections import RoughLoop
-from isf_planner.part import mesh_kernels
-from isf_planner.part.mesh_checks import PlacedPart, place_text
+from isf_planner.part.mesh_checks import PlacedPart, place_text, steepest_wall
 from isf_planner.part.meshes import Mesh
 from isf_planner.surface import surface_kernels, tip_surface
 from isf_planner.surface.target_surface import TargetSurface
 
 ANGLE_MARGIN = 0.95
 """Wall angles above this part of the limit are warned of."""
-
-SMALLEST_FACET = 1e-10
-"""m^2; the normal of a smaller facet says nothing about the wall."""
 
 UNREACHED_TOLERANCE = 0.1e-3
 """m, material left by the tool in a fillet before it is worth a warning."""
@@ -75,21 +73,47 @@ def check_fit(part: PlacedPart, job: Job, rig: Rig) -> None:
         )
 
 
-def check_wall_angle(mesh: Mesh, limit: float) -> tuple[str, ...]:
-    """Warnings for walls near ``limit`` (rad); IsfError WALL_TOO_STEEP beyond it."""
-    angle, worst = mesh_kernels.steepest(mesh.vertices, mesh.faces, SMALLEST_FACET)
-    where = place_text(mesh.vertices[mesh.faces[worst]].mean(axis=0))
+def check_wall_angle(mesh: Mesh, job: Job, material: Material, *, alone: bool = True) -> tuple[str, ...]:
+    """Warnings for walls of a part formed in one pass near what may be planned; IsfError WALL_TOO_STEEP beyond it.
+
+    Of a part in stages nothing is looked at without a ``wall_angle_limit``: what each stage may add is known with its
+    shape (:mod:`isf_planner.forming.permission`). ``alone``: one upper tool forms the whole part, so that stages can.
+    """
+    staged = bool(job.path.stages) or job.path.morph is not None
+    if staged and job.wall_angle_limit is None:
+        return ()
+    limit = job.wall_angle_limit or material.max_wall_angle
+    angle, place = steepest_wall(mesh)
+    where = place_text(place)
     steepest, most = np.degrees(angle), np.degrees(limit)
     if angle > limit:
+        one_pass = "" if staged else " in one pass"
         raise IsfError(
             ErrorCode.WALL_TOO_STEEP,
-            f"the wall is {steepest:.1f} deg steep, {most:.1f} deg may be planned",
+            f"the wall is {steepest:.1f} deg steep, {most:.1f} deg may be planned{one_pass}",
             where=f"mesh at {where}",
-            advice="make the wall flatter, or set wall_angle_limit to try it: the sheet may tear",
+            advice=_of_steep_wall(angle, job, material, alone=alone, staged=staged),
         )
+    if angle > material.max_wall_angle + permission.EXACT and not staged:
+        bears = f"{material.name} bears {np.degrees(material.max_wall_angle):.1f} deg in one pass"
+        return (f"the wall at {where} is {steepest:.1f} deg steep, which wall_angle_limit permits: {bears}",)
     if angle > ANGLE_MARGIN * limit:
         return (f"the wall at {where} is {steepest:.1f} deg steep, close to the limit of {most:.1f} deg",)
     return ()
+
+
+def _of_steep_wall(angle: float, job: Job, material: Material, *, alone: bool, staged: bool) -> str:
+    """What to do about a wall of ``angle`` rad that may not be planned."""
+    given = job.wall_angle_limit is not None
+    if staged:
+        return "leave wall_angle_limit out (every stage is then looked at by itself), or raise it: the sheet may tear"
+    ways = []
+    if alone and job.process in ("SPIF", "DSIF") and angle > material.max_wall_angle:
+        without = ", without wall_angle_limit" if given else ""
+        stages = permission.stages_text(angle, material.max_wall_angle)
+        ways.append(f"form it in several passes ({stages}, or path.morph: {{}}{without})")
+    ways += ["make the wall flatter", f"{'raise' if given else 'set'} wall_angle_limit to try it in one pass"]
+    return f"{', or '.join(ways)}: the sheet may tear"
 
 
 def check_reach(

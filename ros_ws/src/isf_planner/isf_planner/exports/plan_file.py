@@ -2,13 +2,14 @@
 
 All points of all contours stand behind each other in one array per field; the head tells how many belong to each
 contour. A field that a later version adds to the contour is written and read like the others. What an older version
-must not leave out without a word has a version of its own: 2, the axis of a tilted tool. Plans with an upright tool are
-written as version 1.
+must not leave out without a word has a version of its own: 2, the axis of a tilted tool; 3, the speed of a spindle.
+Plans with neither are written as version 1.
 """
 
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -22,7 +23,7 @@ from isf_core.types import Array, Points
 
 from isf_planner.part_plan import Plan
 
-VERSIONS = (1, 2)
+VERSIONS = (1, 2, 3)
 
 _TYPES = get_type_hints(Contour, include_extras=True)
 _ARRAYS = tuple(name for name, kind in _TYPES.items() if kind in (Array, Points))
@@ -33,10 +34,12 @@ def save_plan(plan: Plan, path: Path) -> Path:
     """Write ``plan`` to ``path`` (.npz) and return it; the loop tree is left out. IsfError FILE_NOT_WRITABLE."""
     head = {
         "format": "isf plan",
-        "version": 2 if any(contour.tilted for contour in plan.contours) else 1,
+        "version": 3 if plan.spindle else 2 if any(contour.tilted for contour in plan.contours) else 1,
         "plan_id": plan.plan_id,
         "warnings": list(plan.warnings),
         "ball_radius": plan.ball_radius,
+        "origin": list(plan.origin),
+        "spindle": list(plan.spindle),
         "contours": [
             {name: _plain(getattr(contour, name)) for name in _VALUES}
             | {"lengths": {name: len(getattr(contour, name)) for name in _ARRAYS}}
@@ -76,7 +79,10 @@ def load_plan(path: Path) -> Plan:
             _check_shapes(preform, *mesh)
         ball = float(head.get("ball_radius", "nan"))
         warnings = tuple(map(str, head["warnings"]))
-        return Plan(str(head["plan_id"]), contours, target, mesh, warnings, ball_radius=ball, preforms=preforms)
+        origin = tuple(map(str, head.get("origin", ())))
+        plan_id = str(head["plan_id"])
+        plan = Plan(plan_id, contours, target, mesh, warnings, ball_radius=ball, preforms=preforms, origin=origin)
+        return replace(plan, spindle=_spindle(head.get("spindle", []), len(contours)))
     except FileNotFoundError as error:
         raise IsfError(ErrorCode.FILE_NOT_FOUND, "no such file", where=str(path)) from error
     except OSError as error:
@@ -91,8 +97,18 @@ def _check_head(head: Any, path: Path) -> None:
     if not isinstance(head, dict) or head.get("format") != "isf plan":
         raise _unreadable(path, "is not a plan file")
     if head.get("version") not in VERSIONS:
-        known = " and ".join(map(str, VERSIONS))
+        known = ", ".join(map(str, VERSIONS))
         raise _unreadable(path, f"is a plan file of version {head.get('version')}, this software reads {known}")
+
+
+def _spindle(speeds: Any, count: int) -> tuple[float, ...]:
+    """rad/s of every contour, or none; ValueError for other numbers of them, and for what is no speed."""
+    if not isinstance(speeds, list) or len(speeds) not in (0, count):
+        raise ValueError("the speeds of the spindle are not those of the contours")
+    found = tuple(float(speed) for speed in speeds)
+    if not np.isfinite(found).all():
+        raise ValueError("a speed of the spindle is no number")
+    return found
 
 
 def _check_shapes(target: HeightMap, vertices: Array, faces: Array) -> None:

@@ -42,6 +42,9 @@ FIELDS = {
     "feed2_m": "m/s",
     "move": "number of the line with this field in the part: the same in the programs of both tools",
     "phase": "TRUE and FALSE by turns, contour by contour",
+    "rpm": "1/min, speed of the upper tool's spindle, without sign",
+    "spindle_code": "3 clockwise seen from above, 4 counter-clockwise, 5 standing still (M3, M4, M5)",
+    "turn": "1/min, the same speed, negative counter-clockwise, 0 standing still",
     **{
         f"{name}{k}": f"{text}, of the {tool} tool's arm"
         for k, tool in ((1, "upper"), (2, "lower"))
@@ -77,6 +80,7 @@ FIELDS = {
     "name": "name of the part",
     "program": "name of the part with letters, digits and underscores only, at most 24",
     "plan_id": "of the plan",
+    "origin": "where the contours come from; a line of the header with it is written once for each line of that",
 }
 """What a template may contain."""
 
@@ -99,6 +103,10 @@ class Channel(FileModel):
     """Before a contour that is reached with lifted tools: the point is the one above (below) its first point."""
     feed_change: list[str] = Field(default_factory=list)
     """Before a point with another speed than the one before, for languages that set it apart from the move."""
+    spindle: list[str] = Field(default_factory=list)
+    """Before a contour at which the spindle of the upper tool gets another speed."""
+    spindle_stop: list[str] = Field(default_factory=list)
+    """Where it stops: before a contour that the lower tool forms, and at the end."""
     point: str
     contour_end: list[str] = Field(default_factory=list)
     footer: list[str] = Field(default_factory=list)
@@ -114,6 +122,8 @@ class Channel(FileModel):
             if unknown:
                 known = ", ".join(FIELDS)
                 raise ValueError(f"template '{line}' has unknown field {', '.join(sorted(unknown))}; known: {known}")
+        if bool(self.spindle) != bool(self.spindle_stop):
+            raise ValueError("spindle and spindle_stop need each other: what starts to turn has to stop")
         if not {"x1", "x2"} & {name for _, name, _, _ in string.Formatter().parse(self.point)}:
             raise ValueError("template point needs the position of a tool, such as X{x1:.4f} Y{y1:.4f} Z{z1:.4f}")
         return self
@@ -121,7 +131,7 @@ class Channel(FileModel):
     @property
     def templates(self) -> tuple[str, ...]:
         """All lines."""
-        before = (*self.header, *self.contour, *self.lift, *self.feed_change)
+        before = (*self.header, *self.contour, *self.spindle, *self.spindle_stop, *self.lift, *self.feed_change)
         return (*before, self.point, *self.contour_end, *self.footer)
 
     @property
@@ -141,6 +151,8 @@ class PostProcessor(FileModel):
     """A longer program is split into files of at most this many lines."""
     clearance: float = Field(default=20.0, gt=0.0)
     """mm, how far the tools are lifted off the sheet plane and all their points: the upper one up, the lower down."""
+    spindle_change: float = Field(default=0.05, ge=0.0, lt=1.0)
+    """Share of its speed by which the spindle's speed may be off before a line sets it anew (assumed)."""
     channels: list[Channel] = Field(min_length=1)
 
 

@@ -35,6 +35,7 @@ class PathPoints:
     lift : (N,) bool, both tools are lifted clear before this point
     axis : (N, 3), axis of the upper tool
     forming : (N,) tool that forms, 1 or 2
+    spindle : (N,) rad/s of the upper tool, positive clockwise seen from above, 0: it does not turn
     """
 
     contour: Indices
@@ -45,6 +46,7 @@ class PathPoints:
     lift: NDArray[np.bool_]
     axis: Array
     forming: Indices
+    spindle: Array
 
     @property
     def tilted(self) -> bool:
@@ -64,11 +66,16 @@ class PathPoints:
         return float(up), float(second.min(initial=0.0, where=np.isfinite(second)) - clearance)
 
 
-def path_points(contours: Sequence[Contour]) -> PathPoints:
-    """Points of all contours in their order."""
-    names = ("contour", "tool_1", "tool_2", "speed", "force", "lift", "axis", "forming")
+def path_points(contours: Sequence[Contour], spindle: Sequence[float] = ()) -> PathPoints:
+    """Points of all contours in their order, with the ``spindle`` rad/s on each of these where it turns.
+
+    A support tool that has waited comes to its first contour with lifted tools: beside the short step of the forming
+    tool it would have centimetres to go, at a multiple of the feed.
+    """
+    waited = False
+    names = ("contour", "tool_1", "tool_2", "speed", "force", "lift", "axis", "forming", "spindle")
     parts: dict[str, list[Array]] = {name: [] for name in names}
-    for contour in contours:
+    for contour, turn in zip(contours, spindle or [0.0] * len(contours), strict=True):
         n = len(contour)
         order = np.append(np.arange(n), 0) if contour.closed else np.arange(n)
         missing = np.full((n, 3), np.nan)
@@ -77,12 +84,14 @@ def path_points(contours: Sequence[Contour]) -> PathPoints:
         speed = contour.speed if len(contour.speed) else np.full(n, contour.feed)
         force = contour.support_force if contour.force_controlled else np.zeros(n)
         lift = np.zeros(len(order), dtype=bool)
-        lift[0] = contour.retract or not parts["lift"]
+        lift[0] = contour.retract or not parts["lift"] or (waited and not contour.support_waits)
+        waited = contour.support_waits
         parts["contour"].append(np.full(len(order), contour.index))
         parts["forming"].append(np.full(len(order), contour.forming_tool))
         for name, value in zip(("tool_1", "tool_2", "speed", "force"), (*tips, speed, force), strict=True):
             parts[name].append(value[order])
         parts["lift"].append(lift)
+        parts["spindle"].append(np.full(len(order), turn))
         tilted = contour.tilted and contour.forming_tool == 1
         parts["axis"].append(contour.forming_axis[order] if tilted else np.tile(UP, (len(order), 1)))
     return PathPoints(**{name: np.concatenate(value) for name, value in parts.items()})  # type: ignore[arg-type]
@@ -97,6 +106,8 @@ def write_programs(
     path: Path,
     ball_radius: float = math.nan,
     arms: tuple[SerialArm | None, SerialArm | None] = (None, None),
+    origin: Sequence[str] = (),
+    spindle: Sequence[float] = (),
 ) -> list[Path]:
     """Write all programs of a plan beside each other and return their paths.
 
@@ -107,12 +118,17 @@ def write_programs(
     path : file name; channels add their suffix, a split program adds _001, _002, ...
     ball_radius : m, of the upper tool's tip, needed where that tool is tilted
     arms : that carry the upper and the lower tool; a format with programs for arms then writes these
+    origin : where the contours come from, for people who read the program; what could end a comment is replaced
+    spindle : rad/s of the upper tool on each contour, positive clockwise seen from above; none: it does not turn
 
     Raises
     ------
-    IsfError : EXPORT_FORMAT_UNKNOWN when the format has no program for this number of tools; FILE_NOT_WRITABLE
+    IsfError : EXPORT_FORMAT_UNKNOWN when the format has no program for this number of tools, or says nothing of the
+        spindle that turns; FILE_NOT_WRITABLE
     """
-    points = path_points(contours)
+    lines = [as_comment(line) for line in origin]
+    points = path_points(contours, spindle)
+    points = replace(points, spindle=_held(points.spindle, post.spindle_change))
     wanted = "two tools" if points.two_tools else "one tool"
     tilted = points.tilted
     used = _arms_of(points, post, arms)
@@ -122,7 +138,7 @@ def write_programs(
         wanted = wanted.replace("two tools", "two tilted tools").replace("one tool", "one tilted tool")
     if tilted:
         points = replace(points, tool_1=point_on_axis(points.tool_1, points.axis, ball_radius))
-    channels = [channel for channel in post.channels if channel.plans == wanted]
+    channels = [_with_origin(channel, lines) for channel in post.channels if channel.plans == wanted]
     if not channels:
         raise IsfError(
             ErrorCode.EXPORT_FORMAT_UNKNOWN,
@@ -131,12 +147,20 @@ def write_programs(
             if wanted == "two tilted tools"
             else f"add a channel with 'plans: {wanted}' to a copy of it",
         )
-    name = contours[0].plan_id.rsplit("-", 1)[0]
+    if points.spindle.any() and not any(channel.spindle for channel in channels):
+        raise IsfError(
+            ErrorCode.EXPORT_FORMAT_UNKNOWN,
+            f"format {post.name} says nothing of the spindle, which path.spindle turns",
+            advice="add the lines spindle and spindle_stop to a copy of it, or leave path.spindle out",
+        )
+    plan_id = as_comment(contours[0].plan_id)
+    name = plan_id.rsplit("-", 1)[0]
     known = {
         "name": name,
-        "program": re.sub(r"\W", "_", name)[:24],
-        "plan_id": contours[0].plan_id,
+        "program": _program_name(name),
+        "plan_id": plan_id,
         "contours": len(contours),
+        "origin": "; ".join(lines),
     }
     heights = points.lifted(post.clearance / MM)
     poses = _ArmFields(points, used, heights)
@@ -147,11 +171,11 @@ def write_programs(
     written = []
     for channel in channels:
         body = list(_body(points, channel, heights, known, poses))
-        for number, lines in enumerate(_files(body, channel, post.lines_per_file, known), start=1):
+        for number, text in enumerate(_files(body, channel, post.lines_per_file, known), start=1):
             split = f"_{number:03d}" if post.lines_per_file and len(body) > _room(channel, post.lines_per_file) else ""
             target = path.with_name(f"{path.stem}{channel.suffix}{split}{path.suffix or post.extension}")
             try:
-                target.write_text("\n".join(lines) + "\n", encoding="ascii", errors="replace")
+                target.write_text("\n".join(text) + "\n", encoding="ascii", errors="replace")
             except OSError as error:
                 what = f"the program cannot be written: {error.strerror}"
                 raise IsfError(ErrorCode.FILE_NOT_WRITABLE, what, where=str(target)) from error
@@ -206,6 +230,7 @@ def _body(
     feed = points.speed * MM
     both = _both_speeds(points)
     last = len(tips) - 1
+    turning = 0.0
     for k in range(len(tips)):
         begins = k == 0 or points.contour[k] != points.contour[k - 1]
         values = known | {
@@ -220,6 +245,7 @@ def _body(
             "feed1_m": both[k, 0],
             "feed2_m": both[k, 1],
             "phase": "FALSE" if points.contour[k] % 2 else "TRUE",
+            **_turn_fields(points.spindle[k]),
             **poses.at(k),
             **dict(zip(ORIENTATION, orientation[k].tolist(), strict=True)),
         }
@@ -227,6 +253,9 @@ def _body(
         if begins:
             for line in channel.contour:
                 yield line, at
+            if points.spindle[k] != turning:
+                turning = points.spindle[k]
+                yield from ((line, at) for line in (channel.spindle if turning else channel.spindle_stop))
             if points.lift[k]:
                 if k > 0:
                     above = values | dict(zip(names, lifted[k - 1].tolist(), strict=True)) | poses.above(k - 1)
@@ -241,6 +270,25 @@ def _body(
                 yield line, at
     above = values | dict(zip(names, lifted[last].tolist(), strict=True)) | poses.above(last)
     yield from ((line, above) for line in channel.lift)
+    if turning:
+        yield from ((line, above | _turn_fields(0.0)) for line in channel.spindle_stop)
+
+
+def _held(speeds: Array, share: float) -> Array:
+    """(N,) as ``speeds``, where one stays in force until another differs from it by more than its ``share``, stands
+    still or turns the other way."""
+    held, now = [], 0.0
+    for speed in speeds.tolist():
+        if abs(speed - now) > share * abs(now) or speed * now <= 0.0:
+            now = speed
+        held.append(now)
+    return np.array(held)
+
+
+def _turn_fields(speed: float) -> dict[str, object]:
+    """What a program may say of a spindle that turns at ``speed`` rad/s, positive clockwise."""
+    turn = 30.0 / math.pi * float(speed)
+    return {"rpm": abs(turn), "turn": turn, "spindle_code": 3 if turn > 0.0 else 4 if turn < 0.0 else 5}
 
 
 SLOWEST = 1e-4
@@ -312,6 +360,37 @@ def _orientation(axis: Array) -> Array:
     x, y, z, w = np.array([quaternion_of(one) for one in axis]).T
     half_turn = np.column_stack([0.0 - y, 0.0 - z, w, x])  # times half a turn about y, as w x y z
     return np.column_stack([axis, angles, 180.0 + angles[:, 0], half_turn])
+
+
+LONGEST_COMMENT = 100
+"""Characters of a comment (assumed: what controllers take in a line)."""
+
+_NOT_IN_COMMENTS = str.maketrans("()%", "[]_")
+
+
+def as_comment(text: str) -> str:
+    """``text`` as it may stand in a comment of any format: one line of ASCII without what ends a comment or a program,
+    of at most :data:`LONGEST_COMMENT` characters; it may come from a bag."""
+    plain = "".join(c if c.isascii() and c.isprintable() else " " if c.isspace() else "?" for c in text)
+    plain = " ".join(plain.translate(_NOT_IN_COMMENTS).split())
+    return plain if len(plain) <= LONGEST_COMMENT else plain[: LONGEST_COMMENT - 3] + "..."
+
+
+def _with_origin(channel: Channel, lines: Sequence[str]) -> Channel:
+    """``channel`` with each line of its header that holds the field ``origin`` once for each of the ``lines``."""
+    header: list[str] = []
+    for template in channel.header:
+        texts = [line.replace("{", "{{").replace("}", "}}") for line in lines]
+        header += [template.replace("{origin}", text) for text in texts] if "{origin}" in template else [template]
+    return channel.model_copy(update={"header": header})
+
+
+def _program_name(name: str) -> str:
+    """Letters, digits and underscores of ``name``, at most 24, with the number of a stage kept."""
+    plain = re.sub(r"\W", "_", name)
+    stage = re.search(r"_stage_\d+$", plain)
+    ending = stage[0] if stage else ""
+    return plain.removesuffix(ending)[: 24 - len(ending)] + ending
 
 
 def _room(channel: Channel, lines_per_file: int) -> int:

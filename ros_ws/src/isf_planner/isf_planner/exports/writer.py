@@ -27,6 +27,29 @@ FORMATS = {
 """File name ending to format."""
 
 
+NO_PROGRAMS = ("plan", "stl", "csv")
+"""Formats that no post-processor writes."""
+
+
+def format_of(path: Path, form: str | None = None) -> str:
+    """Format of the file ``path``: ``form`` where it is given, else by the ending; IsfError EXPORT_FORMAT_UNKNOWN."""
+    known = form or FORMATS.get(path.suffix.lower())
+    if known is None:
+        endings = ", ".join(f"{ending} {name}" for ending, name in FORMATS.items())
+        raise IsfError(
+            ErrorCode.EXPORT_FORMAT_UNKNOWN,
+            f"'{path.suffix}' is not the ending of a known format",
+            where=str(path),
+            advice=f"add --format NAME ({', '.join((*NO_PROGRAMS, *post_names()))}), or one of the endings {endings}",
+        )
+    return known
+
+
+def for_arms(form: str) -> bool:
+    """True when ``form`` has programs of its own for rigs with arms; raises IsfError of the post-processor."""
+    return form not in NO_PROGRAMS and any(one.plans in ("one arm", "two arms") for one in load_post(form).channels)
+
+
 def export(
     plan: Plan,
     path: Path,
@@ -48,15 +71,7 @@ def export(
     IsfError : EXPORT_FORMAT_UNKNOWN, also for what a format cannot say; FILE_NOT_WRITABLE; or a fault in the user's
         post-processor
     """
-    known = form or FORMATS.get(path.suffix.lower())
-    if known is None:
-        endings = ", ".join(f"{ending} {name}" for ending, name in FORMATS.items())
-        raise IsfError(
-            ErrorCode.EXPORT_FORMAT_UNKNOWN,
-            f"'{path.suffix}' is not the ending of a known format",
-            where=str(path),
-            advice=f"add --format NAME (plan, stl, csv, {', '.join(post_names())}), or one of the endings {endings}",
-        )
+    known = format_of(path, form)
     if not path.parent.is_dir():
         raise IsfError(ErrorCode.FILE_NOT_WRITABLE, "no such folder", where=str(path.parent), advice="make it first")
     if known == "plan":
@@ -79,4 +94,4 @@ def export(
                 advice="export a plan (.npz) or a program (iso, iso_two_channels, krl, rapid)",
             )
         return write_csv(plan, path)
-    return write_programs(plan.contours, load_post(known), path, plan.ball_radius, arms)
+    return write_programs(plan.contours, load_post(known), path, plan.ball_radius, arms, plan.origin, plan.spindle)

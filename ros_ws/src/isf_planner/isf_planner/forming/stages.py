@@ -12,28 +12,33 @@ A wall steeper than the material bears in one pass is formed in stages. Two kind
 A finishing pass (``path.finishing_passes``) forms the part once more and is a stage of its own.
 
 Of every stage it is known how near the sheet comes to folding over after the stage before
-(:mod:`isf_planner.morphing.fold_over`).
+(:mod:`isf_planner.morphing.fold_over`), how thin it is, and what is left of its forming limit
+(:mod:`isf_planner.forming.carried_sheet`). How steep each may be: :mod:`isf_planner.forming.permission`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
 from isf_core.contour import Contour
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import Job, JobFile, MorphSpec
+from isf_core.files.material import forming_limit
 from isf_core.geometry.height_map import HeightMap
 
 from isf_planner.features.segmentation import find_features
+from isf_planner.forming.carried_sheet import CarriedSheet, carried
+from isf_planner.forming.permission import Wall, check_steps, largest
 from isf_planner.forming.sides import HalfPart
-from isf_planner.morphing.chain import Chain, make_chain, on_finer_grid, steepest
+from isf_planner.morphing.chain import Chain, make_chain, on_finer_grid, steepest, steepest_place
 from isf_planner.morphing.fold_over import UNCHANGED, FoldOver, fold_over
 from isf_planner.morphing.rules import rules_of
-from isf_planner.morphing.selection import FIRST_SHARE, Spacing, not_reached, select
-from isf_planner.part.mesh_checks import place_text
+from isf_planner.morphing.selection import FIRST_SHARE, STEEPER, Spacing, not_reached, select, with_smaller_steps
+from isf_planner.part.mesh_checks import place_text, steepest_wall
 from isf_planner.part.meshes import Mesh
 from isf_planner.surface import height_grid, surface_kernels
 
@@ -55,6 +60,9 @@ LIFTED = 0.5e-3
 SAME = 0.05e-3
 """m, a preform that lies nowhere farther above the part is the part itself: facets say no more."""
 
+CLOSE = 0.95
+"""Part of the forming limit above which a stage is warned of."""
+
 STEEP_MARGIN = np.radians(1.0)
 """rad, a wall of a stage is looked at for folds from this much below the angle of the first stage."""
 
@@ -67,10 +75,12 @@ class Stage:
     ----------
     heights : the surface to be formed, m, flange at z = 0; in a groove of a shape before the part the tool stops above
     fold_over : after the stage before; None for the first one
+    sheet : material of the blank at its end, with what is left of the forming limit; None before there are contours
     """
 
     heights: HeightMap
     fold_over: FoldOver | None
+    sheet: CarriedSheet | None = None
 
     @property
     def depth(self) -> float:
@@ -111,7 +121,8 @@ def preforms(
 
     Raises
     ------
-    IsfError : FEATURES_MIXED when the part also rises above the blank; PART_TOO_SMALL_FOR_TOOL; MORPH_NOT_REACHED
+    IsfError : FEATURES_MIXED when the part also rises above the blank; PART_TOO_SMALL_FOR_TOOL; MORPH_NOT_REACHED;
+        WALL_TOO_STEEP of a stage (:mod:`isf_planner.forming.permission`)
     """
     job = job_file.job
     morph, finishing = job.path.morph, job.path.finishing_passes
@@ -130,15 +141,26 @@ def preforms(
     reported: list[str] = []
     if morph is None and not job.path.stages:
         return Preforms(stages=(Stage(part, None), *[Stage(part, UNCHANGED)] * finishing))
+    steepest_of_part = Wall(*steepest_wall(mesh))
+    single = job_file.material.max_wall_angle
     if morph is None:
         shapes = _by_angles(part, job.path.stages, radius, step, reported)
+        angles = list(job.path.stages[: len(shapes)])
         steep = job.path.stages[0] - STEEP_MARGIN
         measure = MorphSpec().gap
     else:
-        failure = morph.failure_angle or job_file.material.max_wall_angle
-        steep = morph.first_angle or FIRST_SHARE * failure
+        single = morph.failure_angle or single
+        steep = morph.first_angle or FIRST_SHARE * single
         measure = morph.gap
-        shapes = _morphed(mesh, part, job, morph, failure, steep, step, reported)
+        shapes, angles = _morphed(mesh, part, job, morph, single, steepest_of_part.angle, steep, step, reported)
+    reported += check_steps(
+        [*(Wall(angle, steepest_place(shape)) for angle, shape in zip(angles, shapes, strict=True)), steepest_of_part],
+        single,
+        option=where,
+        count=len(shapes) + 1 + finishing,
+        overruled=job.wall_angle_limit is not None,
+        uncertain=0.0 if morph is None else STEEPER,
+    )
     folds = [fold_over(a, b, radius, steep, measure) for a, b in pairwise([*shapes, part])]
     stages = tuple(Stage(shape, fold) for shape, fold in zip([*shapes, part], [None, *folds], strict=True))
     stages += (Stage(part, UNCHANGED),) * finishing
@@ -152,6 +174,31 @@ def preforms(
         )
     halves = tuple(HalfPart(height_grid.as_mesh(shape), 1) for shape in shapes)
     return Preforms(halves, stages if len(stages) > 1 else (), tuple(reported))
+
+
+def with_sheet(made: Sequence[Stage], contours: Sequence[Contour], job_file: JobFile) -> tuple[Stage, ...]:
+    """The stages ``made`` with the sheet that the ``contours`` of all of them leave."""
+    job, limit = job_file.job, forming_limit(job_file.material)
+    shapes = [stage.heights for stage in made]
+    sheets = carried(shapes, contours, job.tool_1.ball_radius, job.sheet.thickness, limit)
+    return tuple(replace(stage, sheet=sheet) for stage, sheet in zip(made, sheets, strict=True))
+
+
+def strain_warnings(made: Sequence[Stage], job_file: JobFile) -> tuple[str, ...]:
+    """Warning with the place of the first stage that uses up the forming limit, or comes nearest to it."""
+    limit = forming_limit(job_file.material)
+    margins = [stage.sheet.least_margin for stage in made if stage.sheet is not None]
+    if not margins or min(margins) > (1.0 - CLOSE) * limit.strain:
+        return ()
+    number = next((k for k, margin in enumerate(margins) if margin < 0.0), int(np.argmin(margins)))
+    sheet = made[number].sheet
+    assert sheet is not None  # its margin was taken
+    word = "is expected to tear" if margins[number] < 0.0 else "comes close to tearing"
+    return (
+        f"stage {number + 1} of {len(made)} at {place_text(sheet.place)}: the sheet {word}: thinning and bends of all "
+        f"passes use up a strain of {limit.strain - margins[number]:.2f}, {job_file.material.name} bears "
+        f"{limit.strain:.2f}; the thinnest place is left with {sheet.thinnest * 1e3:.2f} mm",
+    )
 
 
 def joined(groups: Sequence[Sequence[Contour]]) -> tuple[Contour, ...]:
@@ -215,11 +262,15 @@ def _morphed(
     job: Job,
     morph: MorphSpec,
     failure: float,
+    wall: float,
     first: float,
     step: Callable[[str, float], None],
     reported: list[str],
-) -> list[HeightMap]:
-    """Shapes between blank and part on the grid of ``part``, the flattest first."""
+) -> tuple[list[HeightMap], list[float]]:
+    """Shapes between blank and part on the grid of ``part``, the flattest first, and their steepest walls, rad.
+
+    ``wall``: rad, the steepest of the part.
+    """
     if first > failure:
         raise IsfError(
             ErrorCode.FILE_FIELD,
@@ -234,6 +285,9 @@ def _morphed(
     places = list(
         select(chain, spacing, morph.shapes, keep_limit=keep_limit, look=lambda: step("shapes before the part", 0.5))
     )
+    if places and wall > failure and job.wall_angle_limit is None and morph.shapes is None:
+        allowed = partial(largest, single=failure)
+        places = list(with_smaller_steps(chain, places, wall, allowed, morph.most_shapes))
     if not places:
         reported.append(
             f"path.morph: the part is no steeper than {np.degrees(first):.0f} deg, which is formed in one pass; "
@@ -248,7 +302,7 @@ def _morphed(
     shapes = [on_finer_grid(chain.shape(at), part) for at in places]
     if keep_limit:
         _insert_missing(chain, part, spacing, places, shapes, morph.shapes or morph.most_shapes)
-    return shapes
+    return shapes, [steepest(chain.shape(at)) for at in places]
 
 
 def _insert_missing(

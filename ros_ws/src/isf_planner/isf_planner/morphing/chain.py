@@ -147,6 +147,13 @@ def on_finer_grid(shape: HeightMap, part: HeightMap) -> HeightMap:
     return HeightMap(part.x, part.y, np.maximum(shape.at(clipped).reshape(part.z.shape), part.z))
 
 
+def steepest_place(shape: HeightMap) -> Array:
+    """(3,) m, the node of ``shape`` with the largest slope."""
+    along_x, along_y = shape.gradient()
+    row, column = np.unravel_index(int(np.argmax(np.hypot(along_x, along_y))), shape.z.shape)
+    return np.array([shape.x[column], shape.y[row], shape.z[row, column]])
+
+
 def steepest(shape: HeightMap) -> float:
     """rad, wall angle that only a thousandth of the shape's inclined facets exceed."""
     pitch = height_grid.pitch_of(shape)

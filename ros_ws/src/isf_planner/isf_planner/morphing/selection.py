@@ -15,7 +15,7 @@ from itertools import pairwise
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
 
-from isf_planner.morphing.chain import Chain, steepest
+from isf_planner.morphing.chain import Chain, steepest, steepest_place
 from isf_planner.morphing.fold_over import FoldOver, Measure, fold_over
 from isf_planner.part.mesh_checks import place_text
 
@@ -111,6 +111,45 @@ def select(
         if worst.ratio > 1.0:
             raise not_reached(worst, len(places), count or spacing.most)
     return tuple(places)
+
+
+def with_smaller_steps(
+    chain: Chain, places: Sequence[float], part: float, allowed: Callable[[float], float], most: int
+) -> tuple[float, ...]:
+    """``places`` on the chain, the flattest first, and those in between that it takes for no wall to be too steep for
+    its pass.
+
+    Parameters
+    ----------
+    part : rad, steepest wall of the part ; allowed : rad, steepest wall after one of so many rad
+    most : shapes before the part
+
+    Raises
+    ------
+    IsfError : MORPH_NOT_REACHED with the place when that takes more shapes, or no shape lies in between
+    """
+    made = list(places)
+    k = 1
+    while k <= len(made):
+        at = made[k] if k < len(made) else 0.0
+        limit = allowed(steepest(chain.shape(made[k - 1])))
+        angle = steepest(chain.shape(at)) if k < len(made) else part
+        if angle <= limit + STEEPER:
+            k += 1
+            continue
+        between = _largest(lambda one, limit=limit: steepest(chain.shape(one)) <= limit, at, made[k - 1])  # type: ignore[misc]
+        if len(made) >= most or made[k - 1] - between < NEAREST:
+            room = len(made) < most
+            raise IsfError(
+                ErrorCode.MORPH_NOT_REACHED,
+                f"with {len(made)} shapes before the part walls get steeper from {np.degrees(limit):.0f} deg, which "
+                f"may be planned, to {np.degrees(angle):.0f} deg in one step"
+                + ("; no shape in between is flatter" if room else ""),
+                where=f"shape at {place_text(steepest_place(chain.shape(at)))}",
+                advice="another path.morph.method" if room else "allow more shapes (path.morph.most_shapes)",
+            )
+        made.insert(k, between)
+    return tuple(made)
 
 
 def _check_slopes(chain: Chain, places: Sequence[float]) -> None:

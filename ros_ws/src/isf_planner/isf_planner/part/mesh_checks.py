@@ -38,6 +38,9 @@ CENTRED = 0.05e-3
 PLACED = 1e-6
 """m, shifts below this are not worth a warning."""
 
+SMALLEST_FACET = 1e-10
+"""m^2; the normal of a smaller facet says nothing about the wall."""
+
 
 @dataclass(frozen=True)
 class PlacedPart:
@@ -58,6 +61,12 @@ class PlacedPart:
 def place_text(point: Array) -> str:
     """A place for people, mm."""
     return ", ".join(f"{axis} = {value * 1e3:.1f}" for axis, value in zip("xyz", point, strict=False)) + " mm"
+
+
+def steepest_wall(mesh: Mesh) -> tuple[float, Array]:
+    """rad, the largest wall angle of the facets of ``mesh``, and the middle (3,) m of that facet."""
+    angle, worst = mesh_kernels.steepest(mesh.vertices, mesh.faces, SMALLEST_FACET)
+    return float(angle), np.asarray(mesh.vertices[mesh.faces[worst]].mean(axis=0))
 
 
 def load_part(job_file: JobFile) -> tuple[Mesh, tuple[str, ...]]:

@@ -57,8 +57,8 @@ def waiting(contours: Sequence[Contour], job: Job) -> tuple[tuple[Contour, ...],
 
     Over a plate near the opening the first contours lie closer to its edge than the lower tool is wide: they are formed
     by the upper tool alone, held by the plate. The lower one stands still meanwhile, below the place where it is wanted
-    first, deeper than the forming tool gets by then; it rises to it straight. So only contours from the first one on,
-    which do not run on into the next one; what else meets the plate is left to
+    first, deeper than the forming tool gets by then; it rises to it straight. So only contours of one feature from the
+    first one on, which do not run on into the next one; what else meets the plate is left to
     :func:`isf_planner.checks.backing_plate.check_backing_plate`, as are contours none of which leaves room.
     """
     plate, tool, path = job.backing_plate, job.tool_2, job.path
@@ -67,7 +67,8 @@ def waiting(contours: Sequence[Contour], job: Job) -> tuple[tuple[Contour, ...],
         return tuple(contours), ()
     clear = next((k for k, contour in enumerate(contours) if _has_room(contour, plate, tool)), None)
     before = contours[:clear]
-    if not clear or any(contour.forming_tool != 1 for contour in contours[: clear + 1]):
+    first_ones = {(one.forming_tool, one.feature, one.stage) for one in contours[: (clear or 0) + 1]}
+    if not clear or len(first_ones) > 1 or contours[0].forming_tool != 1:
         return tuple(contours), ()
     first = contours[clear]
     lowest = min(float(contour.forming_tip[:, 2].min()) for contour in contours[: clear + 1])

@@ -65,11 +65,10 @@ def plan_part(loaded: Mesh, job_file: JobFile, step: Callable[[str, float], None
     """
     job, rig = job_file.job, job_file.rig
     below = turned_over(loaded)
-    limit = job.wall_angle_limit or job_file.material.max_wall_angle
     try:
         part = mesh_checks.check_and_place(below, rig.clamp.size, job.tool_1.radius, place=job.place)
         part_checks.check_fit(part, job, rig)
-        told = [*part.warnings, *part_checks.check_wall_angle(part.mesh, limit)]
+        told = [*part.warnings, *part_checks.check_wall_angle(part.mesh, job, job_file.material)]
     except IsfError as error:
         if error.code is not ErrorCode.MESH_INVERTED:
             what, where = (in_sheet(text, 2, 0.0) for text in (error.what, error.where))

@@ -67,7 +67,8 @@ class Limits:
     Attributes
     ----------
     wall_angle : rad, of the job or the material
-    thinning : largest loss of thickness as part of the blank's, 1 - cos(wall angle): the sine law at the limit
+    thinning : largest loss of thickness as part of the blank's that one pass may cause, 1 - cos(wall angle): the sine
+        law at the steepest wall that the material bears in one pass, whatever the job permits
     """
 
     wall_angle: float
@@ -103,7 +104,7 @@ class Prediction:
 def limits_of(material: Material, job: Job) -> Limits:
     """Wall angle and thinning that ``job`` may reach in ``material``."""
     angle = job.wall_angle_limit or material.max_wall_angle
-    return Limits(angle, 1.0 - float(np.cos(angle)))
+    return Limits(angle, 1.0 - float(np.cos(material.max_wall_angle)))
 
 
 def predict(contours: Sequence[Contour], job_file: JobFile) -> tuple[Prediction, ...]:
@@ -152,12 +153,16 @@ def warnings_of(contours: Sequence[Contour], predictions: Sequence[Prediction], 
     limits = limits_of(job_file.material, job)
     reported = []
     index, point, thinning = _worst(predictions, "thinning")
-    if thinning > MARGIN * limits.thinning:
+    # the sine law says nothing about several passes: isf_planner.forming.stages.strain_warnings
+    in_stages = bool(job.path.stages) or job.path.morph is not None
+    if thinning > MARGIN * limits.thinning and not (in_stages and contours[-1].stage):
         sheet = job.sheet.thickness * (1.0 - thinning) * 1e3
         word = "beyond" if thinning > limits.thinning else "close to"
         reported.append(
             f"{contour_label(index)} at {place_text(contours[index].contact[point])}: the sheet gets {sheet:.2f} mm "
-            f"thin, a loss of {100 * thinning:.0f} %, {word} the {100 * limits.thinning:.0f} % that the material allows"
+            f"thin, a loss of {100 * thinning:.0f} %, {word} the {100 * limits.thinning:.0f} % of a wall of "
+            f"{np.degrees(job_file.material.max_wall_angle):.0f} deg, the steepest that {job_file.material.name} bears "
+            "in one pass"
         )
     index, point, axial = _worst(predictions, "axial")
     allowed = min(rig.limits.force[2], rig.load_cell.force_range[2])

@@ -29,7 +29,7 @@ CONSISTENT = 0.02
 def tip_grid(surface: TargetSurface, radius: float) -> tuple[Array, Array, Array]:
     """x (nx,), y (ny,) and tip height h (ny, nx), m, on every fifth node of the fine grid."""
     z = np.ascontiguousarray(surface.z[::STRIDE, ::STRIDE])
-    height = surface_kernels.dilate(z, *_ball(radius, surface.pitch * STRIDE))
+    height = surface_kernels.dilate(z, *ball_nodes(radius, surface.pitch * STRIDE))
     return surface.x[::STRIDE], surface.y[::STRIDE], height
 
 
@@ -68,7 +68,7 @@ def unreached(surface: TargetSurface, tip_height: Array, radius: float, toleranc
     above ``tolerance`` (m) are then repeated with exact drops on a grid of R / 25.
     """
     z = np.ascontiguousarray(surface.z[::STRIDE, ::STRIDE])
-    formed = -surface_kernels.dilate(-tip_height, *_ball(radius, surface.pitch * STRIDE))
+    formed = -surface_kernels.dilate(-tip_height, *ball_nodes(radius, surface.pitch * STRIDE))
     coarse = np.where(np.isfinite(formed), formed - z, 0.0)
     worst = np.argsort(coarse, axis=None)[::-1][:_WORST]
     rows, columns = np.unravel_index(worst, coarse.shape)
@@ -125,7 +125,7 @@ def contact_normals(surface: TargetSurface, points: Array, contact: Array, radiu
     return np.column_stack([horizontal, vertical])
 
 
-def _ball(radius: float, pitch: float) -> tuple[Indices, Array]:
+def ball_nodes(radius: float, pitch: float) -> tuple[Indices, Array]:
     """Node offsets (M, 2) row, column within the radius and how far the ball's surface lies above its tip there."""
     offsets = _disc(int(radius / pitch), 1)
     distance = (offsets**2).sum(axis=1) * pitch**2

@@ -17,6 +17,7 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.types import Array
 from isf_core.view.coloured import add_plain, beside_formed, broken, colour_bar, near_path, path_line
 from matplotlib.figure import Figure
+from scipy.spatial import KDTree
 
 from isf_planner.part.warning_places import warning_places
 from isf_planner.part_plan import Plan
@@ -46,6 +47,12 @@ QUANTITIES = {
     "thickness": Quantity("thickness in mm", lambda contour: contour.thickness * MM),
     "force": Quantity("axial force in N", lambda contour: contour.predicted_force),
 }
+
+OF_STAGES = {
+    "carried_thickness": "thickness after all stages in mm",
+    "margin": "strain left before the forming limit",
+}
+"""Colours of a plan in stages: what is carried from pass to pass, where the last stage touches the sheet."""
 
 
 @dataclass(frozen=True)
@@ -86,15 +93,35 @@ def show(plan: Plan, path: Path, colour: str = "wall_angle") -> Path:
     ------
     IsfError : EXPORT_FORMAT_UNKNOWN (ending, colour, or plotly is not installed), FILE_NOT_WRITABLE
     """
-    if colour not in QUANTITIES:
+    scene = make_scene(plan, quantity_of(plan, colour))
+    heading = _heading(plan)
+    return write_view(path, lambda figure: _draw_page(figure, scene, heading), lambda: _figure(scene, heading))
+
+
+def quantity_of(plan: Plan, colour: str) -> Quantity:
+    """What ``colour`` shows of ``plan``; raises IsfError EXPORT_FORMAT_UNKNOWN where it shows nothing."""
+    if colour in QUANTITIES:
+        return QUANTITIES[colour]
+    if colour not in OF_STAGES:
         raise IsfError(
             ErrorCode.EXPORT_FORMAT_UNKNOWN,
             f"a plan cannot be coloured by '{colour}'",
-            advice=f"known: {', '.join(QUANTITIES)}, features",
+            advice=f"known: {', '.join((*QUANTITIES, *OF_STAGES))}, features",
         )
-    scene = make_scene(plan, QUANTITIES[colour])
-    heading = _heading(plan)
-    return write_view(path, lambda figure: _draw_page(figure, scene, heading), lambda: _figure(scene, heading))
+    sheet = plan.stages[-1].sheet if plan.stages else None
+    if sheet is None:
+        raise IsfError(
+            ErrorCode.EXPORT_FORMAT_UNKNOWN,
+            f"'{colour}' is of a plan in several stages, from its job",
+            advice="a job with path.stages, path.morph or finishing_passes; of one pass --colour thickness",
+        )
+    values = sheet.margin if colour == "margin" else sheet.thickness * MM
+    last, tree = len(plan.stages) - 1, KDTree(sheet.points)
+
+    def of(contour: Contour) -> Array:
+        return values[tree.query(contour.contact)[1]] if contour.stage == last else np.empty(0)
+
+    return Quantity(OF_STAGES[colour], of)
 
 
 def flange_rise(plan: Plan) -> float:

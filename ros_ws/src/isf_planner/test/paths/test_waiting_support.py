@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,9 @@ import pytest
 from isf_core.errors import IsfError
 from isf_core.files.job import JobFile
 from isf_planner import plan
+from isf_planner.exports.programs import path_points
 from isf_planner.part_plan import Plan
+from isf_planner.paths.support_tool import waiting
 from planner_parts import Cone, job_for, write
 from scipy.spatial import cKDTree
 
@@ -77,6 +80,39 @@ def test_it_stands_clear_of_sheet_and_plate_and_rises_straight_to_the_wall(near:
     distance = sheet.query(rising)[0]
     assert np.all(np.diff(distance) < 0.0)  # nothing is in the way before the wall that it goes to
     assert distance[-1] == pytest.approx(TOOL, abs=0.2e-3)
+
+
+def test_a_program_moves_no_tool_by_leaps(near: Plan) -> None:
+    """The lower tool comes with lifted tools; beside the feed of the upper one it has no centimetres to go."""
+    points = path_points(near.contours)
+    first = waits(near).index(False)
+    begins = int(np.flatnonzero(points.contour == first)[0])
+    assert np.flatnonzero(points.lift).tolist() == [0, begins]
+    step = np.linalg.norm(np.diff(points.tool_2, axis=0), axis=1)
+    until = np.flatnonzero(points.contour == first)[-1]
+    assert step[:until][~points.lift[1 : until + 1]].max() < 1e-3
+    assert step[begins - 1] > 5e-3
+
+
+def test_corrected_it_goes_on_standing_still(near: Plan) -> None:
+    """A correction pushes the upper tool down and sideways, point by point: the lower one makes room for it at once."""
+    contour = near.contours[0]
+    turn = np.linspace(0.0, 2.0 * np.pi, len(contour), endpoint=False)
+    offset = 1e-3 * np.column_stack([np.cos(turn), np.sin(turn), -2.0 - np.sin(turn)])
+    moved = contour.shifted(offset)
+    assert np.allclose(moved.support_tip - contour.support_tip, [0.0, 0.0, -3e-3], atol=1e-5)
+    assert moved.support_waits
+    assert np.array_equal(contour.shifted(-offset).support_tip, contour.support_tip)
+
+
+def test_it_waits_through_no_whole_feature(tmp_path: Path, wide: Plan) -> None:
+    """Contours of a feature that has no room all the way down, and of another one that has, are left to the check."""
+    job = over_plate(tmp_path, 66.0).job
+    far = [replace(one, feature=2) for one in wide.contours]
+    near_edge = [one.shifted(np.tile([20e-3, 0.0, 0.0], (len(one), 1))) for one in wide.contours]
+    placed, told = waiting([*near_edge, *far], job)
+    assert not told
+    assert not any(one.support_waits for one in placed)
 
 
 def test_a_plate_that_never_leaves_room_is_refused(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import copy
 import math
 import time
+from dataclasses import dataclass
 
 import numpy as np
 from isf_core.errors import ErrorCode, IsfError
@@ -26,7 +27,7 @@ from scipy.interpolate import griddata
 
 from isf_sim.explicit_shell.grid import graded_lines
 from isf_sim.explicit_shell.library import LANES
-from isf_sim.explicit_shell.shell import Ball, Edge, ExplicitShell, Sheet, Support
+from isf_sim.explicit_shell.shell import Ball, Edge, ExplicitShell, Kept, Sheet, Support
 from isf_sim.explicit_shell.strength import Strength, from_tip
 from isf_sim.plant_constants import PlantConstants
 from isf_sim.scanner import kept_by_trimming
@@ -70,6 +71,22 @@ REST_ERROR = 5.0e-5
 
 FORMED_STRAIN = 0.01
 """Plastic strain of the middle layer from which on a place counts as formed."""
+
+
+@dataclass
+class LastGood:
+    """A sheet as it was when it passed its last inspection.
+
+    Attributes
+    ----------
+    shell : Kept ; bending, touched : of its strength ; work, kinetic : J, work of the tools, largest kinetic energy
+    """
+
+    shell: Kept
+    bending: Array
+    touched: Array
+    work: float
+    kinetic: float
 
 
 class FormedSheet:
@@ -149,21 +166,40 @@ class FormedSheet:
         self._asleep = True
         self.cpu = self.largest_kinetic = self.raised = 0.0
         self._moves, self._work = 0, 0.0
+        self._good = LastGood(
+            self.shell.keep(), self.strength.bending.copy(), self.strength.touched.copy(), self._work, 0.0
+        )
+        self._shift = np.zeros((2, 3))  # m, of the tools in the model, from where they are in the machine
 
     def move(self, tips: Array) -> Array:
         """Move the tools straight to ``tips`` (2, 3) m; forces (2, 3) N of the sheet on them.
+
+        A sheet whose model fails goes back to how it passed its last inspection, at rest, and the tools with it: from
+        there they go the ways that they are moved, until they are clear of the sheet and where they should be.
 
         Raises
         ------
         IsfError : SHEET_MODEL_FAILED, the model became unstable, an element is folded over, or energy came from nowhere
         """
+        try:
+            return self._move(tips)
+        except IsfError as failure:
+            self._go_back(tips)
+            back = f"the sheet is kept as it was {self._moves % INSPECTION or INSPECTION} ticks before"
+            raise IsfError(
+                failure.code, f"{failure.what}; {back}", where=failure.where, advice=failure.advice
+            ) from failure
+
+    def _move(self, tips: Array) -> Array:
         started = time.thread_time()
         tools = self.shell.tools
-        near = any(
-            tools["touching"][number] > 0 or self._near(number, tip)
-            for number, tip in enumerate(tips)
-            if tools["radius"][number] > 0.0
-        )
+        if self._shift.any():
+            if self._any_near(tips + self._shift) or self._any_near(tips):
+                tips = tips + self._shift
+            else:
+                self._shift[:] = 0.0
+                self.shell.place_tools(tips)
+        near = self._any_near(tips)
         if not near and self._asleep and self.raised == self.shell.raised:
             self.shell.place_tools(tips)
             return np.zeros((2, 3))
@@ -176,13 +212,18 @@ class FormedSheet:
         self._moves += 1
         kinetic = 0.0 if near and self._moves % GLANCE else self.shell.kinetic_energy
         if not math.isfinite(done + kinetic):
-            raise self._failed(f"became unstable with the tools at {np.round(1e3 * tips, 2).tolist()} mm")
+            raise self._unstable(tips)
         self.largest_kinetic = max(self.largest_kinetic, kinetic)
         self._asleep = not near and kinetic < STILL_ENERGY
         if self._moves % INSPECTION == 0:
             self._inspect()
         self.cpu += time.thread_time() - started + self.shell.beside - beside
         return forces
+
+    @property
+    def forces(self) -> Array:
+        """(2, 3) N, of the sheet on the tools in the last move."""
+        return np.array(self.shell.tools["mean"])
 
     def unloaded(self) -> ExplicitShell:
         """The sheet at rest without tools; the one in the machine stays as it is.
@@ -245,11 +286,42 @@ class FormedSheet:
             raise self._failed(
                 f"took {plastic:.1f} J as plastic work, tools gave it {self._work:.1f} J; most is at {place} mm"
             )
+        self._keep()
+
+    def _keep(self) -> None:
+        good, strength = self._good, self.strength
+        self.shell.keep(good.shell)
+        np.copyto(good.bending, strength.bending)
+        np.copyto(good.touched, strength.touched)
+        good.work, good.kinetic = self._work, self.largest_kinetic
+
+    def _go_back(self, tips: Array) -> None:
+        """The sheet is as it was at its last inspection, the tools being at ``tips`` (2, 3) m in the machine."""
+        good, strength = self._good, self.strength
+        self.shell.go_back(good.shell)
+        np.copyto(strength.bending, good.bending)
+        np.copyto(strength.touched, good.touched)
+        # the sheet gives work back to the tools that are lifted from it: no sum of theirs can be held against it now
+        self._work, self.largest_kinetic, self.raised = math.inf, good.kinetic, self.shell.raised
+        for shift, tool, tip in zip(self._shift, self.shell.tools, tips, strict=True):
+            if tool["radius"] > 0.0:
+                shift[:] = tool["end"] - (0.0, 0.0, tool["side"] * tool["radius"]) - tip
+        self._asleep = False
+        strength.judge(self.shell)
 
     def _at_rest(self, shell: ExplicitShell) -> ExplicitShell:
         if (away := shell.settle()) > REST_ERROR:
             raise self._failed(f"does not come to rest: {1e3 * away:.2g} mm away from equilibrium")
         return shell
+
+    def _unstable(self, tips: Array) -> IsfError:
+        """With the place of the first node without numbers, if there is one, and the tools at ``tips`` (2, 3) m."""
+        shell, place = self.shell, ""
+        lost = ~(np.isfinite(shell.state.position) & np.isfinite(shell.state.velocity)).all(axis=0)
+        if lost.any():
+            row, column = divmod(int(np.argmax(lost)), len(shell.x))
+            place = f" at {[round(1e3 * float(value), 1) for value in (shell.x[column], shell.y[row])]} mm"
+        return self._failed(f"became unstable{place} with the tools at {np.round(1e3 * tips, 2).tolist()} mm")
 
     def _failed(self, how: str) -> IsfError:
         return IsfError(
@@ -259,16 +331,29 @@ class FormedSheet:
             advice="check that the tools do not press through the sheet or into its support; try smaller cells",
         )
 
+    @property
+    def kinetic_over_plastic(self) -> float:
+        """Largest kinetic energy so far over the plastic work: little where the tools move slowly enough."""
+        work = self.shell.plastic_work
+        return self.largest_kinetic / work if work > 0.0 else 0.0
+
     def values(self) -> dict[str, object]:
         """For a summary: what stands behind the numbers of a run."""
-        shell = self.shell
-        work = shell.plastic_work
         return {
             "model": self.kind,
-            "elements": int(shell.state.thickness.size),
-            "kinetic_over_plastic": self.largest_kinetic / work if work > 0.0 else 0.0,
+            "elements": int(self.shell.state.thickness.size),
+            "kinetic_over_plastic": self.kinetic_over_plastic,
             "cpu_s": round(self.cpu, 2),
         }
+
+    def _any_near(self, tips: Array) -> bool:
+        """Whether a tool touches the sheet, or may do so soon with the tools at ``tips`` (2, 3) m."""
+        tools = self.shell.tools
+        return any(
+            tools["touching"][number] > 0 or self._near(number, tip)
+            for number, tip in enumerate(tips)
+            if tools["radius"][number] > 0.0
+        )
 
     def _near(self, number: int, tip: Array) -> bool:
         """Whether tool ``number`` with its ``tip`` (3,) m may touch the sheet soon: by its distance from the nearest

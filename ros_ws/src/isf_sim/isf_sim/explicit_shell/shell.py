@@ -7,6 +7,7 @@ energy stays small against plastic work, which every run reports.
 
 from __future__ import annotations
 
+import copy
 import ctypes
 import math
 from dataclasses import dataclass, field
@@ -159,6 +160,15 @@ class State:
     drilling: Array
     plastic_work: Array
     back_stress: Array
+
+
+@dataclass
+class Kept:
+    """A sheet as it was, for :meth:`ExplicitShell.go_back`: ``state``, ``tools`` (2,) of library.TOOL, ``raised`` m."""
+
+    state: State
+    tools: NDArray[Any]
+    raised: float
 
 
 @dataclass
@@ -358,6 +368,28 @@ class ExplicitShell:
             if tool["radius"] > 0.0:
                 tool["begin"] = tool["end"] = _centre(tool["radius"], tool["side"], tip)
                 tool["felt"] = 0.0
+
+    def keep(self, kept: Kept | None = None) -> Kept:
+        """Sheet and tools as they are now, written over ``kept`` where there is one."""
+        if kept is None:
+            return Kept(copy.deepcopy(self.state), self.tools.copy(), self.raised)
+        for name, array in vars(self.state).items():
+            np.copyto(getattr(kept.state, name), array)
+        np.copyto(kept.tools, self.tools)
+        kept.raised = self.raised
+        return kept
+
+    def go_back(self, kept: Kept) -> None:
+        """Sheet and tools are those of ``kept`` again, at rest: what moved them is over."""
+        for name, array in vars(kept.state).items():
+            np.copyto(getattr(self.state, name), array)
+        self.state.velocity[:], self.state.spin[:] = 0.0, 0.0
+        np.copyto(self.tools, kept.tools)
+        for array in (*self._scratch, *self._contact_scratch):
+            array[...] = 0  # what is no number would stay one
+        if self._support:
+            self._support.offset = kept.raised
+        self._leaving, self._left, self._stood = 0.0, False, 0
 
     def settle(self, still: float = SETTLED) -> float:
         """Come to rest with tools and held nodes where they are, until the sheet is within ``still`` m of equilibrium.

@@ -52,7 +52,7 @@ from isf_sim.machine.spindle_cells import SpindleCellPlant
 from isf_sim.machine.tick import Axes
 from isf_sim.machine.tool_tilt import ToolTilt
 from isf_sim.plant_constants import PlantConstants
-from isf_sim.scanner import SCAN_TIME, measured_points
+from isf_sim.scanner import SCAN_TIME, kept_by_trimming, measured_points
 from isf_sim.sheet import adsif
 from isf_sim.sheet.die_plant import DiePlant
 from isf_sim.sheet.role import NEEDS_TURN
@@ -356,6 +356,29 @@ class SimulatedMachine:
             return self._shell.measured_shape()
         return self.plant.measured_shape()
 
+    def released_shape(self) -> HeightMap:
+        """Upper surface of the part out of the clamp and trimmed, without errors of a sensor, 1 mm grid; NaN beside it.
+
+        It lies as it came to rest, near where it was in the clamp; the sheet in the machine stays as it is.
+        Raises IsfError SHEET_NOT_RELEASED of a sheet that has no shape out of the clamp, SHEET_MODEL_FAILED.
+        """
+        shape = self._released()
+        kept = kept_by_trimming(shape.points()[:, :2], self.plant.surface).reshape(shape.z.shape)
+        return HeightMap(shape.x, shape.y, np.where(kept, shape.z, np.nan))
+
+    def _released(self) -> HeightMap:
+        shell, surface = self._shell, self.plant.surface
+        if shell is None:
+            raise IsfError(
+                ErrorCode.SHEET_NOT_RELEASED,
+                f"the sheet {'of accumulative forming' if self._adsif is not None else 'fast'} has no shape out of "
+                "the clamp",
+                where="scan with clamped: false",
+                advice="form the part on --sheet shell_coarse, shell or shell_fine; or scan it in the clamp",
+            )
+        surface.formed[...] = shell.formed(surface)
+        return shell.measured_shape(shell.released(surface))
+
     def thinned_sheet(self, shape: HeightMap) -> ThinnedSheet | None:
         """Thickness of the sheet and how much more it bears; ``shape`` is the present :meth:`measured_shape`.
 
@@ -377,20 +400,21 @@ class SimulatedMachine:
             "cpu_s": round(self.plant.solve_time, 2),
         }
 
+    def sheet_proof(self) -> dict[str, object]:
+        """For ``/diagnostics``: what proves that the elasto-plastic sheet is formed slowly; nothing of another one."""
+        return {} if self._shell is None else {"kinetic_over_plastic": self._shell.kinetic_over_plastic}
+
     def measured_cloud(self, *, clamped: bool = True, duration: bool = True) -> Array:
         """(N, 3) m, unordered, as a scanner sees the sheet; see :mod:`isf_sim.scanner`.
 
         ``duration``: the machine waits for the 2.5 s that a scan takes, ticks at rest. Not ``clamped``: after release
-        and trimming.
+        and trimming; raises IsfError as :meth:`released_shape`.
         """
         tips, surface, shell = self._axes.tips.copy(), self.plant.surface, self._shell
-        shape = None
-        if shell is not None:
+        if clamped and shell is not None:
             surface.formed[...] = shell.formed(surface)
-            shape = None if clamped else shell.measured_shape(shell.released(surface))
-        points = measured_points(
-            shape or self.measured_shape(), surface, tips, self._radii, self.variant, self._more_generator, clamped
-        )
+        shape = self.measured_shape() if clamped else self._released()
+        points = measured_points(shape, surface, tips, self._radii, self.variant, self._more_generator, clamped)
         if duration:
             for _ in range(round(SCAN_TIME * self.control_rate)):
                 self.hold()
@@ -632,7 +656,7 @@ class SimulatedMachine:
             shell.strength.note(shell.shell, float(path[TRAVELLED]))
         except IsfError as error:
             self.latch(error.code, error.message)
-            axes.force_1[:] = axes.force_2[:] = 0.0
+            axes.force_1[:], axes.force_2[:] = shell.forces
         mt.finish_tick(draws, axes, self._cell_1, self._cell_2, constants)
         bounds = self._bounds
         gap = math.inf

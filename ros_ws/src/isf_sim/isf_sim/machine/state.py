@@ -32,7 +32,7 @@ from isf_sim.shell.shell_assembly import SupportPoints
 
 _SOURCES = Path(__file__).resolve().parents[1]
 
-FORMAT, VERSION = "isf-machine-state", 12
+FORMAT, VERSION = "isf-machine-state", 13
 
 
 def save_machine(machine: SimulatedMachine, path: str | Path) -> Path:

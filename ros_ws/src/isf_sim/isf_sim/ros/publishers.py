@@ -10,7 +10,7 @@ from isf_core.files.spindle_cells import CHANNELS
 from isf_core.geometry.tool_axis import UPRIGHT
 from isf_msgs.msg import MachineEvent as EventMessage
 from isf_msgs.msg import MachineState
-from isf_ros import conversion, qos, stamps
+from isf_ros import conversion, fields, qos, stamps
 from isf_ros.lifecycle import CellNode
 from rclpy.duration import Duration
 from rclpy.publisher import Publisher
@@ -47,6 +47,7 @@ class MachinePublishers:
         self._event = self._publisher(EventMessage, "machine/event", qos.EVENT)
         self._scan = self._publisher(PointCloud2, "scan", qos.LATCHED)
         self._formed_sheet = self._publisher(PointCloud2, "machine/formed_sheet", qos.LATCHED)
+        self._released_part = self._publisher(PointCloud2, "machine/released_part", qos.LATCHED)
         self._clock = self._publisher(Clock, "/clock", qos.SENSOR) if lockstep else None
         self._wrench_messages = [conversion.make_wrench() for _ in (1, 2)]
         self._pose_messages = [conversion.make_pose() for _ in (1, 2)]
@@ -121,6 +122,11 @@ class MachinePublishers:
     def formed_sheet(self, cloud: PointCloud2) -> None:
         """Thickness and strain margin of the sheet; returns as :meth:`scan`."""
         self._publish_cloud(self._formed_sheet, cloud)
+
+    def released_part(self, cloud: PointCloud2) -> None:
+        """The part out of the clamp, in no frame of the cell; returns as :meth:`scan`."""
+        cloud.header.frame_id = fields.PART_FRAME
+        self._publish_cloud(self._released_part, cloud)
 
     def _publish_cloud(self, publisher: Publisher[Any], cloud: PointCloud2) -> None:
         """By the clock nobody is waited for: a subscriber that is out of reach would keep the tools where they are, on

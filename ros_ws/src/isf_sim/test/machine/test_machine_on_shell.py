@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import re
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,6 +13,7 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.events import EventKind
 from isf_core.files.job import JobFile
 from isf_core.files.yaml_file import find_named
+from isf_core.geometry.height_map import HeightMap
 from isf_core.simulated_sheet import SheetKind
 from isf_msgs.srv import Reset
 from isf_sim.explicit_shell.shell import Edge
@@ -100,9 +102,24 @@ def test_a_released_part_finds_another_shape_and_the_blank_in_the_machine_keeps_
     shape = shell.measured_shape(part)
     change = (shape.at(here) - shape.at(at)) - (clamped.at(here) - clamped.at(at))
     assert 1e-6 < abs(float(change[0])) < 0.5e-3
+    exact = pressed.released_shape()
+    assert exact.at(here)[0] == pytest.approx(shape.at(here)[0], abs=1e-9)
+    assert np.array_equal(shell.shell.state.position, before)
     cloud = pressed.measured_cloud(clamped=False)
     assert np.hypot(cloud[:, 0], cloud[:, 1]).max() < 0.06
+    assert 0.5 * len(cloud) < np.isfinite(exact.z).sum() < 2.0 * len(cloud)  # beside the part there is nothing
     pressed.restore(saved)
+
+
+def test_the_fast_sheet_has_no_shape_out_of_the_clamp() -> None:
+    """Not that in the clamp, which it would be taken for."""
+    cell = machine(sheet="fast")
+    for asked in (cell.released_shape, lambda: cell.measured_cloud(clamped=False)):
+        with pytest.raises(IsfError, match="no shape out of the clamp") as caught:
+            asked()
+        assert caught.value.code == ErrorCode.SHEET_NOT_RELEASED
+        assert "shell_coarse" in caught.value.advice
+    assert np.isfinite(cell.measured_shape().z).all()
 
 
 def test_a_torn_sheet_is_reported_once_with_what_is_left_of_it(pressed: SimulatedMachine) -> None:
@@ -164,6 +181,137 @@ def test_a_sheet_without_numbers_stops_the_machine_with_a_code(pressed: Simulate
     assert pressed.faults[0][0] == ErrorCode.SHEET_MODEL_FAILED
     assert "unstable" in pressed.faults[0][1]
     pressed.restore(saved)
+
+
+def in_numbers(shape: HeightMap) -> np.ndarray:
+    """(n, 3) m, points of ``shape``, all of which have numbers."""
+    points = shape.points()
+    assert len(points) == shape.z.size
+    return points
+
+
+def press_anew(cell: SimulatedMachine, depth: float) -> np.ndarray:
+    """After a fault and its release: force (3,) N on the upper tool pressed to ``depth`` m where it is."""
+    cell.reset()
+    sample = cell.sample()
+    (x, y, start), away = sample.tip_1, sample.tip_2
+    for height in (*np.arange(start, 5e-3, 0.1e-3), *np.arange(5e-3, depth, -0.08e-3), depth):
+        sample = cell.tick((x, y, height), away)
+    assert not cell.faults
+    return sample.true_force_1
+
+
+BREAKS = {
+    "unstable": lambda shell, work: shell.state.position[2].__setitem__(5, np.nan),
+    "folded": lambda shell, work: shell.state.position[0].__setitem__(8 * len(shell.x) + 8, 1.0),
+    "energy": lambda shell, work: shell.state.plastic_work.__setitem__(7, 2.0 * work + 0.6),
+}
+
+
+@pytest.mark.parametrize("how", BREAKS)
+def test_a_sheet_whose_model_fails_is_kept_as_it_was(pressed: SimulatedMachine, how: str) -> None:
+    """It is looked at every 32 ticks near the sheet: what it is like then is what can be scanned and reported."""
+    saved = pressed.state_copy()
+    sheet, away, x = pressed._shell, (0.0, 0.0, -0.1), 0.0
+    assert sheet is not None
+    while sheet._moves % 32:
+        force = pressed.tick((0.0, 0.0, -7e-3), away).true_force_1
+    sound = copy.deepcopy(sheet)
+    for x in np.linspace(0.1e-3, 1e-3, 10):
+        pressed.tick((x, 0.0, -7e-3), away)
+    BREAKS[how](sheet.shell, sheet._work)
+    ticks = 10
+    while not pressed.faults:
+        sample, ticks = pressed.tick((x, 0.0, -7e-3), away), ticks + 1
+    ((code, text),) = pressed.faults
+    assert code == ErrorCode.SHEET_MODEL_FAILED
+    assert f"the sheet is kept as it was {ticks} ticks before" in text
+    assert ticks <= 32
+    assert np.array_equal(in_numbers(pressed.measured_shape()), in_numbers(sound.measured_shape()))
+    assert pressed.sheet_values()["kinetic_over_plastic"] == sound.values()["kinetic_over_plastic"]
+    assert sample.true_force_1 == pytest.approx(force, rel=0.02, abs=5.0)
+    pressed.restore(saved)
+
+
+def test_the_tool_gets_free_where_the_energy_is_near_its_limit(pressed: SimulatedMachine) -> None:
+    """The sheet gives elastic work back as the tool is lifted: what was within 10 % and 0.5 J then is not any more."""
+    saved = pressed.state_copy()
+    sheet = pressed._shell
+    assert sheet is not None
+    room = 1.1 * sheet._work + 0.5 - sheet.shell.plastic_work
+    sheet.shell.state.plastic_work[7] += room - 1e-3
+    for _ in pressed.release_steps():
+        pass
+    ((code, _),) = pressed.faults
+    assert code == ErrorCode.SHEET_MODEL_FAILED
+    assert not pressed.loaded
+    pressed.restore(saved)
+
+
+def test_the_tool_is_lifted_out_of_a_sheet_whose_model_failed_and_the_sheet_goes_on(
+    pressed: SimulatedMachine, tmp_path: Path
+) -> None:
+    """As it is lifted out of a sound one from the same place, without a kick; a saved machine does the same."""
+    saved = pressed.state_copy()
+    sheet, away = pressed._shell, (0.0, 0.0, -0.1)
+    assert sheet is not None
+    while sheet._moves % 32:
+        force = pressed.tick((0.0, 0.0, -7e-3), away).true_force_1
+    before = pressed.state_copy()
+    pressed.release()
+    lifted = in_numbers(pressed.measured_shape())
+    pressed.restore(before)
+    for x in np.linspace(0.1e-3, 1e-3, 10):
+        pressed.tick((x, 0.0, -7e-3), away)
+    pressed._shell.shell.state.position[2, 5] = np.nan  # type: ignore[union-attr]
+    for _ in range(8):
+        pressed.tick((1e-3, 0.0, -7e-3), away)
+    assert len(pressed.faults) == 1
+    assert pressed.sample().true_force_1[2] == pytest.approx(force[2], rel=0.05)  # it comes to rest 0.1 mm further on
+    again = load_machine(save_machine(pressed, tmp_path / "state"))
+    for cell in (pressed, again):
+        forces = np.array([sample.true_force_1[2] for sample in cell.release_steps()])
+        assert forces.max() < 1.1 * force[2]
+        assert not cell.loaded
+        assert len(cell.faults) == 1
+    assert np.abs(in_numbers(pressed.measured_shape()) - lifted).max() < 0.1e-3
+    one, other = (cell._shell.shell.state.position for cell in (pressed, again))  # type: ignore[union-attr]
+    assert np.array_equal(one, other)
+    assert press_anew(pressed, -7e-3)[2] == pytest.approx(force[2], rel=0.2)
+    pressed.restore(saved)
+
+
+def test_a_model_that_fails_again_while_the_tool_is_lifted_keeps_the_sheet(pressed: SimulatedMachine) -> None:
+    saved = pressed.state_copy()
+    sheet = pressed._shell
+    assert sheet is not None
+    for _ in range(40):
+        pressed.hold()
+    for k in range(60):
+        if k % 20 == 10:
+            sheet.shell.state.position[2, 5] = np.nan
+        pressed.hold()
+    assert len(pressed.faults) == 1
+    in_numbers(pressed.measured_shape())
+    pressed.release()
+    assert not pressed.loaded
+    in_numbers(pressed.measured_shape())
+    pressed.restore(saved)
+
+
+def test_a_model_that_fails_before_it_was_ever_looked_at_leaves_a_flat_blank() -> None:
+    cell = machine()
+    go(cell, cell.job_file.rig.park_height, 1.0e-3, speed=0.1)
+    assert cell._shell is not None
+    go(cell, 1.0e-3, -0.4e-3)
+    assert cell._shell._moves < 32
+    cell._shell.shell.state.position[2, 5] = np.nan
+    go(cell, -0.4e-3, -1.2e-3)
+    assert cell.faults
+    assert not cell.measured_shape().z.any()
+    cell.release()
+    assert not cell.loaded
+    assert press_anew(cell, -2e-3)[2] > 50.0
 
 
 def test_an_element_folded_over_stops_the_machine_and_says_where(pressed: SimulatedMachine) -> None:

@@ -81,6 +81,10 @@ def test_ticks_in_lockstep_and_stops_on_faults(machine: Client) -> None:
     assert machine.wait(lambda: machine.fault_codes() == [])
     assert machine.call(Stop, "machine/stop", Stop.Request(reason="test")).code == 0
     assert machine.wait(lambda: machine.fault_codes() == [ErrorCode.STOP_REQUESTED])
+    for sensor in (False, True):
+        response = machine.call(Scan, "machine/scan", Scan.Request(clamped=False, sensor=sensor))
+        assert (response.code, response.points) == (ErrorCode.SHEET_NOT_RELEASED, 0)
+        assert "--sheet shell_coarse" in response.message
     response = machine.call(Scan, "machine/scan", Scan.Request(clamped=True))
     assert (response.code, response.points) == (0, 251 * 251)
     assert machine.wait(lambda: len(machine.scans) == 1)
@@ -219,12 +223,12 @@ def test_the_tools_do_not_wait_for_a_subscriber_out_of_reach(machine: Client) ->
     assert machine.call(Reset, "machine/reset", Reset.Request(new_blank=True, job_text=JOB)).code == 0
     subscriber = forked_process.start([sys.executable, "-c", SUBSCRIBER], stdout=subprocess.PIPE, text=True)
     try:
-        assert machine.call(Scan, "machine/scan", Scan.Request()).code == 0
+        assert machine.call(Scan, "machine/scan", Scan.Request(clamped=True)).code == 0
         assert subscriber.stdout is not None
         assert subscriber.stdout.readline() == "has a scan\n"
         subscriber.send_signal(signal.SIGSTOP)
         before = machine.newest()
-        assert machine.call(Scan, "machine/scan", Scan.Request()).code == 0
+        assert machine.call(Scan, "machine/scan", Scan.Request(clamped=True)).code == 0
         assert machine.wait(lambda: machine.newest() > before + 6 * stamps.NANO)
         ticks = np.array(sorted(stamp for stamp in machine.wrenches[0] if stamp >= before))
         assert np.diff(ticks).max() < 4.0 * stamps.NANO  # a busy computer has gaps of its own
@@ -249,7 +253,7 @@ def test_a_long_tick_is_not_older_than_the_readings_that_bridged_it(machine: Cli
 def test_services_name_what_is_wrong(machine: Client) -> None:
     """Without a blank every service answers with its code; a job that cannot be read is told with its place."""
     assert machine.call(Tare, "machine/tare", Tare.Request()).code == ErrorCode.NO_BLANK
-    assert machine.call(Scan, "machine/scan", Scan.Request()).code == ErrorCode.NO_BLANK
+    assert machine.call(Scan, "machine/scan", Scan.Request(clamped=True)).code == ErrorCode.NO_BLANK
     assert machine.call(Reset, "machine/reset", Reset.Request()).code == ErrorCode.NO_BLANK
     wrong = Reset.Request(new_blank=True, job_text=JOB.replace("1 mm}", "1}"))
     response = machine.call(Reset, "machine/reset", wrong)

@@ -84,7 +84,7 @@ class AnalyticModel(SheetModel):
         along, deviation = samples.along(lifted.springback, lifted.deviation)
         return Prediction(
             along,
-            deviation=deviation if lifted.measured else np.empty(0),
+            deviation=deviation,
             control_point=samples.contact,
             control_point_springback=lifted.springback,
             control_point_force=expected.force,

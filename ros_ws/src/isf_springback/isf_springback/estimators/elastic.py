@@ -27,10 +27,6 @@ from isf_springback.loop_path import LoopPath, forming_radius, nearest_points
 from isf_springback.sheet_edge import holding_size
 from isf_springback.shell.formed_sheet import FacetSize
 
-MODEL_DEVIATION = 0.07
-"""Standard deviation of the model as a part of the springback (published: simulated is 6.8, 3.4 and 10.6 % below
-scanned, Ren 2018, 4.2.3)."""
-
 FORCE_DEVIATION = 30.0
 """N, standard deviation of the force forecast (measured on the simulated plant, see docs/methods/springback.md)."""
 
@@ -157,7 +153,7 @@ class ElasticModel(SheetModel):
         springback = lifted.springback
         by_force = np.where(force > 0.0, FORCE_DEVIATION / np.maximum(cubic.stiffness(law), 1.0), 0.0)
         by_force *= np.divide(springback, law, out=np.ones_like(law), where=law > 0.0)
-        deviation = np.hypot(lifted.deviation if lifted.measured else MODEL_DEVIATION * law, by_force)
+        deviation = np.hypot(lifted.deviation, by_force)
         period = path.length if path.closed else None
         along, spread = (
             np.interp(path.position, path.position[place], values, period=period) for values in (springback, deviation)

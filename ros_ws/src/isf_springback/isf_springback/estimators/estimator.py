@@ -199,6 +199,7 @@ class Prediction:
     deviation : (N,) m, standard deviation of the springback, or (0,)
     horizontal : offset in plan view; None: none
     expected_error : (N,) m along +z after this contour, where the method predicts it; (0,): what the limits leave
+    beside_limits : what the limits leave is not in ``expected_error`` and comes on top
     control_point : (M, 3) m, where the model was evaluated
     control_point_springback, control_point_force : (M,) m, (M,) N there, or (0,)
     remarks : what a person should know about this prediction
@@ -210,6 +211,7 @@ class Prediction:
     deviation: Array = field(default_factory=partial(np.empty, 0))
     horizontal: Horizontal | None = None
     expected_error: Array = field(default_factory=partial(np.empty, 0))
+    beside_limits: bool = False
     control_point: Array = field(default_factory=partial(np.empty, (0, 3)))
     control_point_springback: Array = field(default_factory=partial(np.empty, 0))
     control_point_force: Array = field(default_factory=partial(np.empty, 0))
@@ -249,6 +251,9 @@ class Estimator(ABC):
     """Name of the method, as in the job."""
     needs_scans: ClassVar[bool] = False
     """True when the method corrects nothing without scans between contours."""
+    open_loop: ClassVar[bool] = False
+    """True when the correction of every contour is known before anything is measured on the part: what is measured
+    then may add to it, but it is a correction without that as well."""
     uses_lifts: bool = False
     """True when :meth:`add_lift` is worth waiting for."""
     uses_scans: bool = False
@@ -298,6 +303,7 @@ class NoCorrection(Estimator):
     """Method "none": contours pass unchanged; after a change of method the old correction fades out."""
 
     name = "none"
+    open_loop = True
 
     def estimate(self, contour: Contour, history: History) -> Prediction:
         """Nothing is asked for."""

@@ -172,6 +172,9 @@ class FusedEstimator(Estimator):
         model = self._model.estimate(contour, history)
         self._predicted = contour, model.springback
         place, disagreement, deviation, moving = self._bias(contour, history)
+        if self._now.wall is None and self._now.bottom is None and len(model.deviation):
+            # no scan has told more than the model knows of itself, where it has a force to go by
+            deviation = np.where(model.deviation > 0.0, model.deviation, deviation)
         movement = np.clip(moving, -LARGEST_MOVEMENT, LARGEST_MOVEMENT)
         bias = np.clip(disagreement, -np.maximum(model.springback, LARGEST_BIAS), LARGEST_BIAS)
         remarks = [*model.remarks, *self._now.remarks, *self._model_alone(contour)]

@@ -6,6 +6,10 @@ part, and this one is scanned, too, it follows what they show to be different: a
 "learned_map" predicts springback on any part from wall angle, curvature, depth and distance to the floor: a smooth
 additive model, the baseline of the published MARS maps (Behera 2015, introduction). Outside of what was learned it
 answers with the edge of it, and says so. Both stay inside the limits of every correction.
+
+What error they expect stands on what the file holds: of a try-out the parts that were formed with this very correction
+on sheets that differ, their mean and their spread; of a part before, what its correction leaves of its error, and how
+much parts of one condition differ; of a map, how far the samples scatter about it.
 """
 
 from __future__ import annotations
@@ -62,6 +66,8 @@ RIDGES = tuple(10.0**k for k in range(-2, 4))
 """Weights of the ridge on standardised splines, of which cross-validation chooses."""
 
 Predict = Callable[[Contour, History, list[str]], Array]
+Expect = Callable[[Contour], tuple[Array, Array]]
+"""(N,) m, error along +z that is expected on a contour, and its standard deviation; (0,) each: not known."""
 
 SHEETS_DIFFER = Prior(0.3e-3, 0.8, 0.2e-3)
 """Of springback on one sheet beyond that on another (assumed: parts of one condition differ by 0.2 mm, as the measured
@@ -78,21 +84,26 @@ NOTHING_SEEN = (
 
 class LearnedEstimator(Estimator):
     """Predicts what ``predict`` says of a contour and, with ``before``, the same part formed before, what scans show to
-    differ from it; ``check`` raises where the file does not belong to its plan."""
+    differ from it; ``check`` raises where the file does not belong to its plan, ``expect`` tells the error to come."""
+
+    open_loop = True
 
     def __init__(
         self,
         name: str,
         job_file: JobFile,
         predict: Predict,
+        expect: Expect,
         check: Callable[[Contour], None] = lambda _: None,
         before: Learned | None = None,
     ) -> None:
         super().__init__(job_file)
         self.name = name
         self._predict = predict
+        self._expect = expect
         self._check = check
         self._replays = before is not None
+        self._beside_limits = before is not None and before.tried is None  # parts that were tried met the same limits
         self._difference: Difference | None = None
         if before is not None and job_file.job.springback.scan_every and job_file.job.process != "TPIF":
             self.uses_scans = True
@@ -108,9 +119,18 @@ class LearnedEstimator(Estimator):
         """As the base class."""
         remarks: list[str] = []
         push = self._predict(contour, history, remarks)
+        left, spread = self._expect(contour)
         if self._difference is None:
             # a part before was pushed by so much: no gain of a model applies to it
-            return Prediction(push, push if self._replays else None, remarks=tuple(remarks))
+            asked = push if self._replays else None
+            return Prediction(
+                push,
+                asked,
+                deviation=spread,
+                expected_error=left,
+                beside_limits=self._beside_limits,
+                remarks=tuple(remarks),
+            )
         bias, deviation = self._difference.along(contour, history)
         remarks += self._difference.remarks
         if np.abs(bias).max() >= REPORTED_BIAS:
@@ -121,6 +141,8 @@ class LearnedEstimator(Estimator):
             push,
             push,
             deviation=deviation,
+            expected_error=left,
+            beside_limits=self._beside_limits,
             remarks=tuple(remarks),
             fault=history.scans.fault_before(contour),
         )
@@ -321,13 +343,14 @@ def learned(job_file: JobFile) -> LearnedEstimator:
     def predict(contour: Contour, history: History, remarks: list[str]) -> Array:
         return _along(contour, *known.of_contour(contour.index))
 
-    return LearnedEstimator("learned", job_file, predict, check, known)
+    return LearnedEstimator("learned", job_file, predict, lambda contour: left_by(known, contour), check, known)
 
 
 def learned_map(job_file: JobFile) -> LearnedEstimator:
     """Method "learned_map"; raises IsfError LEARNING_UNUSABLE."""
     known = knowledge(job_file)
-    model, low, high, smallest, largest = fit_map(known)
+    fitted = fit_map(known)
+    model, low, high, smallest, largest = fitted.model, fitted.low, fitted.high, fitted.smallest, fitted.largest
 
     def predict(contour: Contour, history: History, remarks: list[str]) -> Array:
         target = history.scans.target
@@ -347,7 +370,28 @@ def learned_map(job_file: JobFile) -> LearnedEstimator:
             remarks.append(f"{FEATURES[k]} is outside the learned range: the value at its edge is used")
         return np.clip(model.predict(inside), max(smallest, -LARGEST_CORRECTION), min(largest, LARGEST_CORRECTION))
 
-    return LearnedEstimator("learned_map", job_file, predict)
+    def expect(contour: Contour) -> tuple[Array, Array]:
+        return np.empty(0), np.full(len(contour), fitted.deviation)
+
+    return LearnedEstimator("learned_map", job_file, predict, expect)
+
+
+def left_by(known: Learned, contour: Contour) -> tuple[Array, Array]:
+    """(N,) m, error along +z that parts with the correction in ``known`` leave on ``contour``, and its standard
+    deviation from part to part; (0,) each where no part was seen there."""
+    rows = known.contour == contour.index
+    if known.tried is not None:
+        parts = known.tried[:, rows]
+        seen = np.isfinite(parts).all(axis=0)
+        error, several = parts.mean(axis=0), len(parts) > 1
+        spread = parts.std(axis=0, ddof=1) if several else np.full(len(error), SHEETS_DIFFER.deviation)
+    else:
+        error = -contour.push_sign * (known.error + known.applied - known.push)[rows]
+        seen, spread = np.isfinite(error), np.full(len(error), SHEETS_DIFFER.deviation)
+    if not seen.any():
+        return np.empty(0), np.empty(0)
+    place = known.place[rows][seen]
+    return _along(contour, place, error[seen]), _along(contour, place, spread[seen])
 
 
 def knowledge(job_file: JobFile) -> Learned:
@@ -363,8 +407,22 @@ def knowledge(job_file: JobFile) -> Learned:
     return learning.load(job_file.base / name)
 
 
-def fit_map(known: Learned) -> tuple[Any, Array, Array, float, float]:
-    """Fitted model of springback (m) over the features, range of the features (4,), (4,) and of springback, m.
+@dataclass(frozen=True)
+class FittedMap:
+    """Springback, m, over the features: the ``model``, the range ``low`` (4,) to ``high`` (4,) of the features, and
+    ``smallest`` to ``largest`` m of springback that it was fitted to; ``deviation`` m, root mean square of how far
+    samples that are left out lie from it, one at a time."""
+
+    model: Any
+    low: Array
+    high: Array
+    smallest: float
+    largest: float
+    deviation: float
+
+
+def fit_map(known: Learned) -> FittedMap:
+    """Model of springback fitted to the samples in ``known``.
 
     Raises
     ------
@@ -386,4 +444,5 @@ def fit_map(known: Learned) -> tuple[Any, Array, Array, float, float]:
     model = make_pipeline(StandardScaler(), splines, RidgeCV(alphas=RIDGES))
     model.fit(np.clip(known.feature, low, high), known.springback)
     smallest, largest = np.quantile(known.springback, [0.01, 0.99])
-    return model, low, high, float(smallest), float(largest)
+    # the score of a ridge is the negative mean square of what it misses each sample by that it was not fitted to
+    return FittedMap(model, low, high, float(smallest), float(largest), float(np.sqrt(-model[-1].best_score_)))

@@ -46,6 +46,10 @@ FEATURES = (
 )
 
 
+OPTIONAL = ("seen", "tried")
+"""Arrays that a file may lack."""
+
+
 @dataclass(frozen=True)
 class Learned:
     """Knowledge from the parts formed so far; K rows are places on contours, S rows are samples.
@@ -62,6 +66,9 @@ class Learned:
     history : (P, 2) m, mean and largest error of the wall and floor below the rim, per part
     seen : (K, 2) m, such errors of the wall just beside the contact and of the bottom inside the tip, in the scan made
         after that contour of the last part; NaN where nothing was seen. None: no scans were made between its contours
+    tried : (V, K) m, error along +z of V parts that were formed with ``push``, as a try-out forms them on sheets that
+        differ; NaN where not seen. None: none was
+    source : what the last part was formed on, for people; empty: not known
     """
 
     job: str
@@ -77,6 +84,8 @@ class Learned:
     springback: Array
     history: Array
     seen: Array | None = None
+    tried: Array | None = None
+    source: str = ""
 
     @property
     def scanned(self) -> int:
@@ -108,17 +117,26 @@ def load(path: Path) -> Learned:
         data = read_archive(path)
         if int(data["format"]) != FORMAT:
             raise ValueError(f"format {int(data['format'])}, this software reads {FORMAT}")
-        values: dict[str, Any] = {name: data[name] for name in Learned.__dataclass_fields__ if name != "seen"}
-        seen = data.get("seen")
-        values["seen"] = None if seen is None else np.where(np.isfinite(seen), seen, np.nan)
-        values |= {"job": str(values["job"]), "contours": int(values["contours"]), "parts": int(values["parts"])}
+        always = [name for name in Learned.__dataclass_fields__ if name not in (*OPTIONAL, "source")]
+        values: dict[str, Any] = {name: data[name] for name in always}
+        for name in OPTIONAL:
+            found = data.get(name)
+            values[name] = None if found is None else np.where(np.isfinite(found), found, np.nan)
+        values |= {
+            "source": str(data.get("source", "")),
+            "job": str(values["job"]),
+            "contours": int(values["contours"]),
+            "parts": int(values["parts"]),
+        }
         learned = Learned(**values)
         rows, samples = len(learned.contour), len(learned.springback)
         shapes = [
             learned.place.shape == (rows, 2),
             learned.push.shape == (rows,),
             learned.applied.shape == (rows,),
+            learned.error.shape == (rows,),
             learned.seen is None or learned.seen.shape == (rows, 2),
+            learned.tried is None or (len(learned.tried) > 0 and learned.tried.shape[1:] == (rows,)),
             learned.feature.shape == (samples, 4),
         ]
         needed = ("place", "push", "applied", "feature", "springback")
@@ -160,6 +178,8 @@ def learn_part(
     known: Learned | None = None,
     shapes: Mapping[int, FormedShape] = MappingProxyType({}),
     preforms: Sequence[HeightMap] = (),
+    *,
+    clamped: bool = True,
 ) -> Learned:
     """Knowledge after one more part.
 
@@ -167,6 +187,7 @@ def learn_part(
     ----------
     nominal, corrections : of every contour, in order ; scan : (P, 3) m, points of the finished part in the clamp, the
     flange at z = 0, over a die as well
+    clamped : the scan is of the part in the clamp; else of the part out of it, which lies on its target already
     radius : m, of the forming tool ; known : from earlier parts of the same plan, or of other ones (samples only)
     shapes : scanned after some of the contours, by their index
     preforms : what the stages before the part end with, on the grid of ``target``: the finished part does not tell
@@ -185,13 +206,13 @@ def learn_part(
         )
     if nominal[-1].process is Process.TPIF:
         # the flange moves from contour to contour: contours, target and shape meet in the frame of the die
-        shape = shape_over_die(scan, target, clamp, nominal[-1])
+        shape = shape_over_die(scan, target, clamp, nominal[-1], clamped=clamped)
         target, nominal = target_over_die(target), [contour_over_die(contour) for contour in nominal]
     elif all(contour.forming_tool == 2 for contour in nominal):
-        shape = turned_shape(scan, target, clamp)
+        shape = turned_shape(scan, target, clamp, clamped=clamped)
     else:
         lowest = min(float(contour.forming_tip[:, 2].min()) for contour in nominal)
-        shape = process_scan(scan, ScanExpectation(target, clamp, lowest))
+        shape = process_scan(scan, ScanExpectation(target, clamp, lowest, clamped=clamped))
     index, place, applied, error, feature, seen = [], [], [], [], [], []
     stages = StageShapes(target, tuple(preforms))
     for contour, correction in zip(nominal, corrections, strict=True):
@@ -230,6 +251,24 @@ def learn_part(
         np.vstack(seen) if shapes else None,
     )
     return _with_samples(_adjusted(now, before), known)
+
+
+def error_by_place(place: Array, error: HeightMap) -> Array:
+    """(K,) m, mean ``error`` around each ``place`` (K, 2) m, over the cells nearest to it; NaN where there is none.
+
+    The place nearest to the largest error has that one, which a mean would hide.
+    """
+    known = np.isfinite(error.z).ravel()
+    values, cells = error.z.ravel()[known], error.points()[known, :2]
+    if not len(values):
+        return np.full(len(place), np.nan)
+    nearest = nearest_points(cells, place)
+    count = np.bincount(nearest, minlength=len(place))
+    total = np.bincount(nearest, values, minlength=len(place))
+    found = np.where(count > 0, total / np.maximum(count, 1), np.nan)
+    worst = int(np.argmax(np.abs(values)))
+    found[nearest[worst]] = values[worst]
+    return found
 
 
 def misplaced(known: Learned, contour: Contour) -> float:

@@ -140,12 +140,14 @@ def shape_over_die(
     clamp: tuple[float, float],
     contour: Contour,
     edges: ClampEdges | None = None,
+    *,
+    clamped: bool = True,
 ) -> FormedShape:
     """The shape after ``contour`` over a die, in the frame of the die (frame ``sheet`` before the holder moves).
 
     ``points`` (P, 3) m in frame ``sheet``, in which the flange stays at z = 0 and the part stands up; ``target`` the
-    finished part on its flange; ``edges`` of the clamp in an earlier scan. Turned over, what stands up so far is a
-    pocket as deep as the holder has moved (:func:`turned_shape`).
+    finished part on its flange; ``edges`` of the clamp in an earlier scan; ``clamped`` as in ScanExpectation.
+    Turned over, what stands up so far is a pocket as deep as the holder has moved (:func:`turned_shape`).
 
     Raises
     ------
@@ -153,12 +155,17 @@ def shape_over_die(
     """
     holder = contour.holder_height
     stands = np.maximum(target_over_die(target).z - holder, 0.0)
-    shape = turned_shape(points, HeightMap(target.x, target.y, stands), clamp, edges)
+    shape = turned_shape(points, HeightMap(target.x, target.y, stands), clamp, edges, clamped=clamped)
     return replace(shape, surface=HeightMap(shape.surface.x, shape.surface.y, holder + shape.surface.z))
 
 
 def turned_shape(
-    points: Array, target: HeightMap, clamp: tuple[float, float], edges: ClampEdges | None = None
+    points: Array,
+    target: HeightMap,
+    clamp: tuple[float, float],
+    edges: ClampEdges | None = None,
+    *,
+    clamped: bool = True,
 ) -> FormedShape:
     """The shape in ``points`` (P, 3) m of a ``target`` that stands up, all of it formed: checked as a pocket is.
 
@@ -167,7 +174,7 @@ def turned_shape(
     IsfError : as :func:`isf_springback.scan.process_scan`
     """
     pocket = HeightMap(target.x, target.y, -target.z)
-    turned = ScanExpectation(pocket, clamp, float(np.nanmin(pocket.z)), edges=edges)
+    turned = ScanExpectation(pocket, clamp, float(np.nanmin(pocket.z)), clamped=clamped, edges=edges)
     shape = process_scan(np.asarray(points) * np.array([1.0, 1.0, -1.0]), turned)
     return replace(shape, surface=HeightMap(shape.surface.x, shape.surface.y, -shape.surface.z))
 

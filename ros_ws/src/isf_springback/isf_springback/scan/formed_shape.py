@@ -70,6 +70,14 @@ class ScanExpectation:
     worked: Mask | None = None
     began: HeightMap | None = None
 
+    def least_extent(self) -> tuple[float, float]:
+        """(m, m) that is seen at least: the opening of a part out of the clamp, whose flange may be cut off."""
+        opening = regions(self.target)["opening"]
+        if self.clamped or not opening.any():
+            return self.clamp
+        x, y = (axis[opening.any(axis=k)] for k, axis in enumerate((self.target.x, self.target.y)))
+        return float(np.ptp(x)), float(np.ptp(y))
+
     def shape(self) -> HeightMap:
         """Expected upper surface: the target, not deeper than the tool has been in this stage, or in one before it;
         flat beside ``worked``."""
@@ -115,7 +123,7 @@ def process_scan(points: Array, expected: ScanExpectation) -> FormedShape:
     ------
     IsfError : SCAN_NOT_FINITE, SCAN_UNIT_SUSPECT, SCAN_INCOMPLETE, SCAN_SHIFTED, SCAN_OF_ANOTHER_PART
     """
-    points = point_cloud.checked_points(points, expected.clamp)
+    points = point_cloud.checked_points(points, expected.clamp, expected.least_extent())
     remarks: list[str] = []
     framed = False
     plane = registration.flange_plane(points, expected.clamp) if expected.clamped else None

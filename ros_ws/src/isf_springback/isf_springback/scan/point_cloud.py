@@ -24,8 +24,9 @@ SMALLEST_WEIGHT = 0.05
 """Sum of the bilinear weights below which a node counts as not seen."""
 
 
-def checked_points(points: Array, clamp: tuple[float, float]) -> Array:
-    """(Q, 3) m, the finite points of ``points`` (P, 3) over a clamp of ``clamp`` m x m.
+def checked_points(points: Array, clamp: tuple[float, float], part: tuple[float, float] | None = None) -> Array:
+    """(Q, 3) m, the finite points of ``points`` (P, 3) over a clamp of ``clamp`` m x m, or of a part out of it that is
+    ``part`` m x m at least.
 
     Raises
     ------
@@ -49,8 +50,8 @@ def checked_points(points: Array, clamp: tuple[float, float]) -> Array:
         )
     points = points[finite]
     extent = np.percentile(points[:, :2], 98, axis=0) - np.percentile(points[:, :2], 2, axis=0)
-    ratio = float(np.max(extent / np.asarray(clamp)))
-    if not SMALLEST_EXTENT <= ratio <= LARGEST_EXTENT:
+    most, least = (float(np.max(extent / np.asarray(size))) for size in (clamp, part or clamp))
+    if least < SMALLEST_EXTENT or most > LARGEST_EXTENT:
         raise IsfError(
             ErrorCode.SCAN_UNIT_SUSPECT,
             f"the points span {extent[0]:.4g} x {extent[1]:.4g} m, the clamp {clamp[0]:.4g} x {clamp[1]:.4g} m",

@@ -290,6 +290,75 @@ def test_what_a_part_was_pushed_by_is_replayed_whatever_the_gain(four_parts, tmp
     assert -corrections.offset[:, 2].mean() == pytest.approx(push.mean(), abs=20e-6)
 
 
+def test_the_error_of_a_part_by_place_keeps_its_mean_and_its_largest():
+    """0.1 mm over the left half, 0.3 mm over the right one with a spike of -2 mm; nothing is known far out."""
+    axis = np.linspace(-20e-3, 20e-3, 41)
+    z = np.where(axis[None, :] < 0.0, 0.1e-3, 0.3e-3) + np.zeros((41, 1))
+    z[20, 35] = -2e-3
+    z[:, :5] = np.nan
+    place = np.array([[-10.5e-3, 0.0], [10e-3, 0.0], [16.5e-3, 0.0], [-500e-3, 0.0]])
+    found = learning.error_by_place(place, HeightMap(axis, axis, z))
+    assert found[0] == pytest.approx(0.1e-3)
+    assert found[1] == pytest.approx(0.3e-3)
+    assert found[2] == pytest.approx(-2e-3)
+    assert np.isnan(found[3])
+    assert np.isnan(learning.error_by_place(place, HeightMap(axis, axis, np.full((41, 41), np.nan)))).all()
+
+
+def expected_on(folder, index):
+    """What the file in ``folder`` expects of contour ``index``: mm, error along +z and standard deviation."""
+    correction = make_corrector("learned", job("learned", folder)).correct(cone_contour(index, count=COUNT))
+    return 1e3 * correction.residual, 1e3 * correction.uncertainty
+
+
+def test_a_try_out_tells_the_parts_formed_from_it_what_to_expect(four_parts, tmp_path):
+    """Its parts on three sheets came out 0.1 mm too deep, 0.2 mm and 0.6 mm too high: mean and spread of them."""
+    known = four_parts[1]
+    tried = np.array([[-0.1e-3], [0.2e-3], [0.6e-3]]) + np.zeros(len(known.contour))
+    learning.save(replace(known, tried=tried), tmp_path / "known.npz")
+    left, spread = expected_on(tmp_path, 9)
+    assert left == pytest.approx(np.full(len(left), 0.2333), abs=1e-3)
+    assert spread == pytest.approx(np.full(len(left), 0.3512), abs=1e-3)
+    learning.save(replace(known, tried=tried[:1]), tmp_path / "known.npz")
+    left, spread = expected_on(tmp_path, 9)
+    assert left == pytest.approx(np.full(len(left), -0.1), abs=1e-3)
+    assert spread == pytest.approx(np.full(len(left), 0.3))  # of one part: what parts of one condition differ by
+    learning.save(replace(known, tried=np.full((2, len(known.contour)), np.nan)), tmp_path / "known.npz")
+    assert len(expected_on(tmp_path, 9)[1]) == 0  # not known
+
+
+def test_a_part_before_leaves_what_its_correction_did_not_take(tmp_path):
+    """0.7 of the error of the first part are put into the second: 0.3 of it are expected to be left."""
+    known, _ = next_part(tmp_path, None)
+    rows = known.contour == 12
+    left, spread = expected_on(tmp_path, 12)
+    assert np.median(1e3 * known.error[rows]) > 0.5
+    assert left.mean() == pytest.approx(0.3 * 1e3 * known.error[rows].mean(), rel=0.05)
+    assert spread == pytest.approx(np.full(len(left), 0.3))
+
+
+def test_a_map_expects_what_its_samples_scatter_by(four_parts, tmp_path):
+    folder, known, _ = four_parts
+    noise = np.random.default_rng(2).normal(0.0, 0.25e-3, len(known.springback))
+    learning.save(replace(known, springback=known.springback + noise), tmp_path / "known.npz")
+
+    def scatter(base):
+        method = make_corrector("learned_map", job("learned_map", base))
+        method.set_target(TARGET)
+        return 1e3 * method.correct(cone_contour(0, count=COUNT)).uncertainty.mean()
+
+    assert scatter(folder) > 0.0
+    assert scatter(tmp_path) == pytest.approx(np.hypot(scatter(folder), 0.25), rel=0.05)
+
+
+@pytest.mark.parametrize("tried", [np.zeros((0, 3)), np.zeros(5), np.zeros((2, 5)), np.array([["a"]])])
+def test_parts_of_a_try_out_that_do_not_fit_the_file_are_refused(four_parts, tmp_path, tried):
+    learning.save(replace(four_parts[1], tried=tried), tmp_path / "known.npz")
+    with pytest.raises(IsfError) as caught:
+        learning.load(tmp_path / "known.npz")
+    assert caught.value.code == ErrorCode.LEARNING_UNUSABLE
+
+
 def test_curvature_of_a_circle():
     contour = cone_contour(3)
     radius = np.hypot(*contour.forming_tip[0, :2])
