@@ -17,10 +17,11 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from isf_core.errors import ErrorCode
 from isf_msgs.msg import MachineEvent, MachineState
 from isf_msgs.srv import Reset, Scan, StateFile, Stop, Tare
-from isf_ros import conversion, stamps
+from isf_ros import conversion, qos, stamps
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from machine_client import JOB, LIMIT, PARKED, RATE, Client, press, served
+from sensor_msgs.msg import PointCloud2
 
 pytestmark = pytest.mark.graph
 
@@ -89,6 +90,20 @@ def test_ticks_in_lockstep_and_stops_on_faults(machine: Client) -> None:
     assert (response.code, response.points) == (0, 251 * 251)
     assert machine.wait(lambda: len(machine.scans) == 1)
     assert conversion.height_map_from_message(machine.scans[0]).z == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_sheet_that_yields_is_scanned_out_of_the_clamp_on_a_topic_of_its_own(machine: Client) -> None:
+    """The flat blank, trimmed by nothing; what is scanned in the clamp stays on ``scan``."""
+    released: list[PointCloud2] = []
+    machine.node.create_subscription(PointCloud2, "machine/released_part", released.append, qos.LATCHED)
+    request = Reset.Request(new_blank=True, job_text=JOB, sheet="shell_coarse")
+    assert machine.call(Reset, "machine/reset", request).code == 0
+    response = machine.call(Scan, "machine/scan", Scan.Request(clamped=False))
+    assert response.code == 0, response.message
+    assert machine.wait(lambda: released)
+    assert released[0].header.frame_id == "part"
+    assert response.points == released[0].width * released[0].height > 0
+    assert not machine.scans
 
 
 @pytest.mark.parametrize("machine", [["target_timeout:=1.5"]], indirect=True)
