@@ -185,9 +185,9 @@ def texts(marks: dict[str, Any] | None, spindle: dict[str, Any] | None, job_file
     if marks is not None:
         place = ", ".join(f"{value:.1f}" for value in marks["at_mm"])
         lines.append(
-            f"tool marks: {marks['spacing_mm']:.2f} mm apart with ridges of {marks['scallop_um']:.1f} um, or less, on "
-            f"{SHARE:.0%} of the walls; the highest ridge has {marks['largest_scallop_um']:.1f} um, on contour "
-            f"{marks['on_contour']} at ({place}) mm, where the wall has {marks['wall_angle_deg']:.0f} deg"
+            f"tool marks on {SHARE:.0%} of the walls: at most {marks['spacing_mm']:.2f} mm apart, ridges up to "
+            f"{marks['scallop_um']:.0f} um; highest ridge {marks['largest_scallop_um']:.0f} um, on contour "
+            f"{marks['on_contour']} at ({place}) mm"
         )
         if marks["wanted"] is not None:
             lines += _wanted_texts(marks["wanted"], job_file)
