@@ -278,18 +278,16 @@ def _formed_by_run(run: Path, base: Path | None) -> _Formed:
             where=str(run),
             advice="record part/target; isf record does; or name the job of the part in place of the run",
         )
-    job_file = recorded_job(record, base)
     corrected = f"corrected by method {record.correction}" if record.corrects else "without a correction"
-    return _Formed(
-        record.job_name,
-        job_file,
-        record.nominal,
-        record.corrections,
-        record.target,
-        record.preforms,
-        _shapes(record, job_file),
-        f"with the contours of {run}, {corrected}",
-    )
+    return _recorded(record, record.target, base, f"with the contours of {run}, {corrected}")
+
+
+def _recorded(record: PartRecord, target: HeightMap, base: Path | None, how: str = "") -> _Formed:
+    """Of a ``record`` with its ``target``; ``how`` it was formed, for people."""
+    job_file = recorded_job(record, base)
+    shapes = _shapes(record, job_file)
+    planned = record.nominal, record.corrections
+    return _Formed(record.job_name, job_file, *planned, target, record.preforms, shapes, how)
 
 
 def _formed_by_job(path: Path, *, as_planned: bool) -> _Formed:
@@ -333,16 +331,7 @@ def learn_record(record: PartRecord, base: Path | None, known: Learned | None = 
             where=record.job_name,
             advice="record scan and part/target; isf record does",
         )
-    job_file = recorded_job(record, base)
-    formed = _Formed(
-        record.job_name,
-        job_file,
-        record.nominal,
-        record.corrections,
-        record.target,
-        record.preforms,
-        _shapes(record, job_file),
-    )
+    formed = _recorded(record, record.target, base)
     return replace(_learned(formed, record.scan.points(), known), source=record.plant)
 
 

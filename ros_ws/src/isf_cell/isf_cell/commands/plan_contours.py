@@ -185,7 +185,7 @@ def texts(marks: dict[str, Any] | None, spindle: dict[str, Any] | None, job_file
     if marks is not None:
         place = ", ".join(f"{value:.1f}" for value in marks["at_mm"])
         lines.append(
-            f"tool marks on {SHARE:.0%} of the walls: at most {marks['spacing_mm']:.2f} mm apart, ridges up to "
+            f"tool marks on {100 * SHARE:.0f} % of the walls: at most {marks['spacing_mm']:.2f} mm apart, ridges up to "
             f"{marks['scallop_um']:.0f} um; highest ridge {marks['largest_scallop_um']:.0f} um, on contour "
             f"{marks['on_contour']} at ({place}) mm"
         )

@@ -120,31 +120,23 @@ class LearnedEstimator(Estimator):
         remarks: list[str] = []
         push = self._predict(contour, history, remarks)
         left, spread = self._expect(contour)
-        if self._difference is None:
-            # a part before was pushed by so much: no gain of a model applies to it
-            asked = push if self._replays else None
-            return Prediction(
-                push,
-                asked,
-                deviation=spread,
-                expected_error=left,
-                beside_limits=self._beside_limits,
-                remarks=tuple(remarks),
-            )
-        bias, deviation = self._difference.along(contour, history)
-        remarks += self._difference.remarks
-        if np.abs(bias).max() >= REPORTED_BIAS:
-            far = 1e3 * float(bias[np.argmax(np.abs(bias))])
-            remarks.append(f"scans show {far:+.1f} mm of springback relative to the part before")
-        push = push + np.clip(bias, -LARGEST_BIAS, LARGEST_BIAS)
+        fault: IsfError | None = None
+        if self._difference is not None:
+            bias, spread = self._difference.along(contour, history)
+            remarks += self._difference.remarks
+            if np.abs(bias).max() >= REPORTED_BIAS:
+                far = 1e3 * float(bias[np.argmax(np.abs(bias))])
+                remarks.append(f"scans show {far:+.1f} mm of springback relative to the part before")
+            push = push + np.clip(bias, -LARGEST_BIAS, LARGEST_BIAS)
+            fault = history.scans.fault_before(contour)
         return Prediction(
             push,
-            push,
-            deviation=deviation,
+            push if self._replays else None,  # a part before was pushed by so much: no gain of a model applies to it
+            deviation=spread,
             expected_error=left,
             beside_limits=self._beside_limits,
             remarks=tuple(remarks),
-            fault=history.scans.fault_before(contour),
+            fault=fault,
         )
 
     def bounds(self, contour: Contour, history: History) -> Bounds:
