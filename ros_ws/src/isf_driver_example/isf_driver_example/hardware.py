@@ -33,7 +33,7 @@ FREE = 20.0
 HALF, CELL = 60e-3, 1e-3
 """m, half the side of the sheet that can be formed, and the distance of its points."""
 RELEASE_SPEED, CLEAR = 50e-3, 20e-3
-"""m/s at which contact is released after a stop, m that the tools are lifted by."""
+"""m/s at which contact is released after a stop, m above and below the sheet that the tools are lifted to at most."""
 
 
 class Hardware:
@@ -51,7 +51,7 @@ class Hardware:
         self.stopped = ""
         self._share = 1.0 - math.exp(-cycle / LAG)
         self._release = cycle * RELEASE_SPEED
-        self._lifted = 0.0
+        self._loaded = np.zeros(2, dtype=bool)
         self._goal = self.tips.copy()
         self._zero = np.zeros((2, 3))
         self._noise = np.random.default_rng(0)
@@ -72,13 +72,13 @@ class Hardware:
     @property
     def released(self) -> bool:
         """True when a stop has taken the tools off the sheet."""
-        return bool(self.stopped) and self._lifted >= CLEAR
+        return bool(self.stopped) and not self._loaded.any()
 
     def cycle(self) -> Array:
         """One cycle of the machine: the tools move, the load cells are read. (2, 3) N, the wrenches after tare."""
-        if self.stopped and self._lifted < CLEAR:
-            self._lifted += self._release
-            self._goal[:, 2] += [self._release, -self._release]
+        if self.stopped:
+            self._loaded &= np.array([1.0, -1.0]) * self._goal[:, 2] < CLEAR
+            self._goal[:, 2] += self._loaded * [self._release, -self._release]
         self.tips += self._share * (self._goal - self.tips)
         return self._readings() - self._zero
 
@@ -93,9 +93,10 @@ class Hardware:
         return ""
 
     def stop(self, reason: str) -> None:
-        """Stand still at once, then release contact; no targets are taken until :meth:`reset`."""
-        self.stopped, self._lifted = reason, 0.0
+        """Stand still at once, then have tools in contact leave the sheet; no targets are taken until :meth:`reset`."""
+        self.stopped = reason
         self._goal = self.tips.copy()
+        self._loaded = ~(np.abs(self._readings() - self._zero).max(axis=1) <= FREE)  # not known: as if it were
 
     # -- level 3 ---------------------------------------------------------------------------------
 

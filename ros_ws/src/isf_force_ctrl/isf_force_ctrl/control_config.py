@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass, fields, replace
 from functools import lru_cache
 from typing import Any
 
+from isf_core.contour import Process
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import JobFile
 from isf_core.files.rig import Rig
@@ -103,6 +104,7 @@ class ControlConfig:
     tangential_force : N, along d_n turned by +90 deg about z
     component_gain : 1/s, of these two loops; 1 of 24 (chosen)
     component_limit : m, largest offset of each (published limit of an offset, Appendix B)
+    process : of the contours; empty: any
     ball_reach : m, sum of the radii of both balls
     largest_tilt : rad, by which the machine can tilt tool 1; 0: it is always upright
     axis_rate : rad/s, largest rate of its axis
@@ -177,6 +179,12 @@ class ControlConfig:
     largest_tilt: float = 0.0
     axis_rate: float = math.radians(10.0)
     tilt_lever: float = 0.0
+    process: str = ""
+
+    @property
+    def largest_set_point(self) -> float:
+        """N, horizontal force that the rig bears."""
+        return max(self.force_limit[:2])
 
     @staticmethod
     def from_job(job_file: JobFile, *, support_force: float | None = None) -> ControlConfig:
@@ -214,6 +222,7 @@ class ControlConfig:
             largest_tilt=rig.largest_tilt,
             tilt_lever=rig.tilt_lever,
             axis_rate=job.tool_axis.largest_rate,
+            process=job.process if job.process in Process.__members__ else "",
             ball_reach=job.tool_1.ball_radius + (job.tool_2.ball_radius if job.tool_2 is not None else 0.0),
         )
         config.check()

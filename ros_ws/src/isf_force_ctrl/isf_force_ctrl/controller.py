@@ -45,6 +45,10 @@ from isf_force_ctrl.motion.tool_moves import Tools
 from isf_force_ctrl.motion.trajectory import ToolPath
 from isf_force_ctrl.supervision.wrench_watch import DriftWatch, WrenchWatch, fault_of, plausible
 
+CLEAR_OF_SHEET = 10e-3
+"""m along the push from the highest place of a contour, beyond which a tool touches nothing (assumed: more than a sheet
+springs back)."""
+
 NAN = float("nan")
 
 M = TypeVar("M", bound=Measurement)
@@ -102,6 +106,13 @@ class ForceController:
                 ErrorCode.NOT_ARMED,
                 "the axis of tool_1 is not known",
                 advice="the driver gives the orientation of the tool on tool_1/pose, the identity for an upright one",
+            )
+        if override is not None and override > self.config.largest_set_point:
+            raise IsfError(
+                ErrorCode.NOT_ARMED,
+                f"support force of {override:g} N is more than the rig bears ({self.config.largest_set_point:g} N)",
+                where="support_force",
+                advice="a smaller one; -1 leaves it to the contours",
             )
         self._plan = armed_plan(plan_id, first_index, count, tips, override)
         config = self.config
@@ -299,8 +310,22 @@ class ForceController:
 
     @property
     def on_sheet(self) -> bool:
-        """True when the tools rest on the sheet: after a contour, or held after a stop or a fault."""
-        return self._mode is not Mode.IDLE and not self.busy and not self._clear
+        """True when the tools rest on the sheet: after a contour, or held after a stop or a fault on it."""
+        return self._mode is not Mode.IDLE and not self.busy and not self._clear and not self._above_contour
+
+    @property
+    def _above_contour(self) -> bool:
+        """Whether the tools are still, or again, well away from where they touch the sheet on the contour that was
+        started last, on both sides."""
+        contour = self._formed
+        if contour is None:
+            return False
+        up = -contour.push_sign
+        forming, support = (self._targets[k] for k in (contour.forming_tool - 1, 2 - contour.forming_tool))
+        away = [up * forming[2] - float((up * contour.forming_tip[:, 2]).max())]
+        if contour.has_support:
+            away.append(-up * support[2] - float((-up * contour.support_tip[:, 2]).max()))
+        return min(away) > CLEAR_OF_SHEET
 
     @property
     def targets(self) -> Targets:
@@ -626,6 +651,13 @@ class ArmedPlan:
         if contour.index != self.next:
             raise IsfError(
                 ErrorCode.CONTOUR_REJECTED, f"out of order, {contour_label(self.next)} is expected", where=where
+            )
+        if contour.count != self.count:
+            raise IsfError(
+                ErrorCode.CONTOUR_REJECTED,
+                f"is one of {contour.count}, {self.count} were armed",
+                where=where,
+                advice="arm with the number of contours of the plan",
             )
 
 

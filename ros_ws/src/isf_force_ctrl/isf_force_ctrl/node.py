@@ -67,6 +67,10 @@ after which twists do."""
 STEADY = 0.25
 """s by the clock that the tools stand after the wrenches are back, so that they are where they should be."""
 
+MADE_GOOD = 1.0
+"""s without wrenches that one s with them makes good: where they are missing for more than half of the time, they have
+before long been missing for the whole of wrench_timeout, and the contour ends (assumed)."""
+
 STANDING = 0.2
 """s of targets as joints that stand after arming, from when their controllers have been found: one that hears the first
 of them in mid-motion would make up for what it missed in one step."""
@@ -74,6 +78,8 @@ of them in mid-motion would make up for what it missed in one step."""
 STOPPED_FOR = 2.0
 """s of wall time that the machine is in a protective stop, after which what is done in lockstep ends with its fault: no
 tick comes any more. An executive has ended the part long before."""
+
+TARE_LOST = "the load cells are no longer tared, says the machine: it was started anew, or was tared wrongly"
 
 SAME_PLACE = 1e-3
 """m, within which a tool still stands where the plan before had left it on the sheet (assumed: servo and rounding)."""
@@ -113,7 +119,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         self._delayed, self._patient_until = False, 0.0
         self._look = RegularLook(0.5 * min(self._timeout, EXECUTIVE_SILENCE))
         self._ticks = self._late_before = self._pauses = self._repeating = 0
-        self._paused_until = self._seek_until = 0.0
+        self._paused_until = self._seek_until = self._without = 0.0
         self._ticks_to_stand = 0
         self._kept: Path | None = None
         self._leaving = self._unanswered = False
@@ -315,8 +321,11 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
                 if not controller.busy:  # no result will tell it
                     self.report(IsfError(*fault, where="between two contours"))
                 controller.fail(*fault, ticking=True)
-            if controller.busy and controller.fault is None and (stopped := self._ready.machine_fault(0.0)):
-                controller.fail(*stopped, ticking=True)
+            if controller.busy and controller.fault is None:
+                if stopped := self._ready.machine_fault(0.0):
+                    controller.fail(*stopped, ticking=True)
+                elif self._tare_lost():
+                    controller.fail(ErrorCode.NO_TARE, TARE_LOST, ticking=True)
             self._pause(controller, waiting=waiting)
             blind = self._settings.output == "twist" and not waiting and controller.fault is None
             if blind and (text := self._ready.pose_lost_text()):
@@ -349,6 +358,8 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             self._paused_until = now + STEADY
         if unknown and measuring:
             controller.fail(*unknown, ticking=True)
+        if not waiting:
+            self._count_without(controller, unknown)
         paused = (now < self._paused_until or self._ticks_to_stand > 0) and controller.fault is None
         if paused == controller.paused:
             return
@@ -358,6 +369,21 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             self.get_logger().warning(f"{unknown[1]}: the tools stand")
         elif controller.fault is None and now >= self._paused_until > 0.0:
             self.get_logger().warning("the wrenches are back: the tools go on")
+
+    def _count_without(self, controller: ForceController, unknown: Fault | None) -> None:
+        """Wrenches that come now and then, or late but for one now and then, are as good as none: tools that mostly
+        stand for want of them are on the sheet for nothing."""
+        period = 1.0 / controller.config.rate
+        self._without = self._without + period if unknown else max(0.0, self._without - MADE_GOOD * period)
+        if unknown and self._without > self._timeout and controller.busy and controller.fault is None:
+            code, text = unknown
+            controller.fail(
+                code, f"{text}, again and again: the tools hardly moved for {self._timeout:g} s", ticking=True
+            )
+
+    def _tare_lost(self) -> bool:
+        """Whether wrenches that the driver has to tare no longer are."""
+        return not (self._settings.wrenches_tared or self._leaving) and self._ready.tare_lost()
 
     def _seek_controllers(self, controller: ForceController, now: float) -> None:
         """The tools stand until those who move them by joints have been found, and for STANDING more."""
@@ -501,6 +527,10 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
                         advice="look at the node that publishes contour/corrected",
                     ) from fault
                 self._ready.check_forming(contour.forming_tool)
+                if self._tare_lost():
+                    raise IsfError(
+                        ErrorCode.NO_TARE, TARE_LOST, advice="call machine/tare with free tools, and arm again"
+                    )
                 if not controller.busy:
                     self._end()
                 controller.start(contour)
@@ -556,6 +586,8 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         self._ready.check(tared=self._settings.wrenches_tared)
         here_1, here_2 = self._ready.tip(1), self._ready.tip(2)
         controller = ForceController(control_config(job_file, self._settings))
+        if not self._settings.lockstep:
+            self._ready.keep_rates(controller.config.rate)
         park = controller.config.park_height
         tip_1, tip_2 = here_1 or (0.0, 0.0, park), here_2 or (0.0, 0.0, -park)  # one that is elsewhere faults
         self._awaited, resting = None, self._resting_at(tip_1, tip_2)
@@ -591,7 +623,7 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
         self._attended.begin()
         self._publish_state(controller, self.get_clock().now().nanoseconds)
         if not self._settings.lockstep:
-            self._tick_number, self._paused_until = -1, 0.0
+            self._tick_number, self._paused_until, self._without = -1, 0.0, 0.0
             by_joints = self._settings.output == "joint_trajectory"
             self._ticks_to_stand = round(STANDING * controller.config.rate) if by_joints else 0
             self._seek_until = time.monotonic() + self._timeout

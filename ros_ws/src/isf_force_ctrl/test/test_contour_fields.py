@@ -328,3 +328,66 @@ def test_asking_for_both_compensations_of_a_gap_is_refused(more, tmp_path):
     with pytest.raises(IsfError, match="compensate_compliance") as caught:
         ControlConfig.from_job(JobFile(JOB.format(process="ADSIF", more=more), tmp_path))
     assert caught.value.code == ErrorCode.FILE_FIELD
+
+
+def crossed(contour):
+    """The lower tool 3 mm higher than planned."""
+    return replace(contour, support_tip=contour.support_tip + [0.0, 0.0, 3e-3])
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        (lambda contour: replace(contour, process=Process.ADSIF), "is one of ADSIF; a job of DSIF is armed"),
+        (lambda contour: replace(contour, count=99), "is one of 99, 1 were armed"),
+        (crossed, "into each other"),
+        (lambda contour: replace(contour, forming_tool=2), "point away from tool 2"),
+        (lambda contour: replace(contour, support_force=np.full(len(contour), 5000.0)), "set-point of 5000 N"),
+    ],
+)
+def test_a_contour_that_does_not_fit_what_is_armed_is_refused(changed, said):
+    controller = ForceController(make_config(process="DSIF", ball_reach=10e-3))
+    controller.arm("plan", 0, 1, PARK_1, PARK_2)
+    with pytest.raises(IsfError, match=said) as refused:
+        controller.start(changed(ring()))
+    assert refused.value.code is ErrorCode.CONTOUR_REJECTED
+    assert not controller.busy
+    controller.start(ring())
+    assert controller.busy
+
+
+def test_a_set_point_beyond_the_rig_does_not_arm():
+    controller = ForceController(make_config())
+    with pytest.raises(IsfError, match="5000 N is more than the rig bears"):
+        controller.arm("plan", 0, 1, PARK_1, PARK_2, 5000.0)
+
+
+def test_tools_that_were_stopped_on_their_way_to_the_sheet_are_not_on_it():
+    config = make_config(park_height=0.1)
+    controller = ForceController(config)
+    controller.arm("plan", 0, 2, (0.0, 0.0, 0.1), (0.0, 0.0, -0.1))
+    controller.start(ring(count=2))
+    tick = 0
+    while controller.targets.tip_1[2] > 70e-3:
+        tick += 1
+        controller.tick(tick, tick / config.rate, FREE, FREE)
+    controller.stop("by hand")
+    for later in range(tick + 1, tick + 500):
+        controller.tick(later, later / config.rate, FREE, FREE)
+    assert controller.mode is Mode.HOLD
+    assert 20e-3 < controller.targets.tip_1[2] < 70e-3
+    assert not controller.on_sheet
+
+
+def test_tools_that_were_stopped_on_the_sheet_are_on_it():
+    stopped = []
+
+    def stop(tick, controller, *wrenches):
+        if controller.mode is Mode.CONTROL and not stopped:
+            stopped.append(controller)
+            controller.stop("by hand")
+        return wrenches
+
+    run([ring(count=2)], make_config(), on_tick=stop, max_ticks=8000)
+    assert stopped[0].mode is Mode.HOLD
+    assert stopped[0].on_sheet

@@ -8,6 +8,9 @@ from collections.abc import Callable
 DISTANCE_FOLLOWED = 0.02
 """Share of the newest distance in the usual one: the mean of about fifty."""
 
+LONGEST_FOLLOWED = 3.0
+"""Usual distances as which a longer one counts: silences are not what the sender usually does."""
+
 
 class ReceiveWatchdog:
     """Tells whether something was received within ``timeout`` s of ``clock`` (monotonic by default)."""
@@ -18,13 +21,17 @@ class ReceiveWatchdog:
         self._last: float | None = None
         self.distance = 0.0
         """s, usual time between two receipts; 0: nothing was received twice."""
+        self._distances = 0
 
     def feed(self) -> None:
         """Something was received."""
         now = self._clock()
         if self._last is not None:
             apart = now - self._last
-            self.distance += DISTANCE_FOLLOWED * (apart - self.distance) if self.distance else apart
+            if self._distances * DISTANCE_FOLLOWED >= 1.0:
+                apart = min(apart, LONGEST_FOLLOWED * self.distance)
+            self._distances += 1
+            self.distance += max(DISTANCE_FOLLOWED, 1.0 / self._distances) * (apart - self.distance)
         self._last = now
 
     def excuse(self, seconds: float) -> None:
@@ -34,7 +41,7 @@ class ReceiveWatchdog:
 
     def clear(self) -> None:
         """Forget: nothing is expected until the next :meth:`feed`."""
-        self._last, self.distance = None, 0.0
+        self._last, self.distance, self._distances = None, 0.0, 0
 
     @property
     def fed(self) -> bool:

@@ -67,3 +67,26 @@ def test_usual_distance_follows_the_mean_and_hardly_a_single_gap():
     assert watchdog.distance < 0.0125
     watchdog.clear()
     assert watchdog.distance == 0.0
+
+
+def test_silences_do_not_become_usual():
+    now = 0.0
+    watchdog = ReceiveWatchdog(0.1, clock=lambda: now)
+    for _ in range(400):
+        now += 0.01
+        watchdog.feed()
+    for _ in range(10):
+        now += 2.5
+        watchdog.feed()
+    assert watchdog.distance < 0.016
+
+
+def test_a_first_gap_is_soon_forgotten():
+    now = 0.0
+    watchdog = ReceiveWatchdog(0.1, clock=lambda: now)
+    watchdog.feed()
+    now = 0.5
+    for _ in range(50):
+        watchdog.feed()
+        now += 0.01
+    assert watchdog.distance < 0.021

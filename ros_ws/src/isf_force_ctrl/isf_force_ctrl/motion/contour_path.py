@@ -20,6 +20,13 @@ from isf_force_ctrl.motion.trajectory import ToolPath, horizontal_direction
 MINIMUM_CENTRE_DISTANCE = 0.5e-3
 """m, horizontal distance of the ball centres below which d_n is not defined well enough."""
 
+LARGEST_OVERLAP = 0.3e-3
+"""m by which the balls of both tools may be planned into each other (assumed: the bending of tools that a plan makes up
+for is less)."""
+
+WRONG_SIDE = 0.01
+"""z component of a normal, from which it points to the other side of the sheet."""
+
 TILT_TOLERANCE = 1e-6
 """rad, beyond the largest tilt that rounding may lie."""
 
@@ -38,7 +45,7 @@ def contour_path(
     """
     contour.validate()
     where = f"{contour_label(contour.index)} of {contour.plan_id}"
-    _check_tools(contour, where)
+    _check_tools(contour, config, where)
     _check_limits(contour, config, where)
 
     index = np.arange(len(contour) + (1 if contour.closed else 0))
@@ -116,8 +123,23 @@ def _seam_speed(tip: Array, config: ControlConfig) -> Array:
     return np.asarray(config.seam_speed * (1.0 + 4.0 * np.minimum(begin, end) / length))
 
 
-def _check_tools(contour: Contour, where: str) -> None:
+def _check_tools(contour: Contour, config: ControlConfig, where: str) -> None:
+    if config.process and contour.process.name != config.process:
+        raise IsfError(
+            ErrorCode.CONTOUR_REJECTED,
+            f"is one of {contour.process.name}; a job of {config.process} is armed",
+            where=where,
+            advice="arm with the job that the contours were planned for",
+        )
+    if (contour.normal[:, 2] * contour.push_sign > WRONG_SIDE).any():
+        raise IsfError(
+            ErrorCode.CONTOUR_REJECTED,
+            f"its normals point away from tool {contour.forming_tool}, which forms",
+            where=where,
+            advice="look at forming_tool and normal: from the contact to the centre of the ball",
+        )
     if contour.has_support:
+        _check_apart(contour, config, where)
         return
     if contour.process in (Process.DSIF, Process.ADSIF):
         raise IsfError(
@@ -130,6 +152,24 @@ def _check_tools(contour: Contour, where: str) -> None:
         raise IsfError(ErrorCode.CONTOUR_REJECTED, "has force set-points, but no support tool", where=where)
 
 
+def _check_apart(contour: Contour, config: ControlConfig, where: str) -> None:
+    """In ADSIF the tools may be planned into each other, since they give way; a tilted ball is not above its tip."""
+    if contour.process is Process.ADSIF or contour.tilted:
+        return
+    upper, lower = contour.forming_tip, contour.support_tip
+    if contour.forming_tool != 1:
+        upper, lower = lower, upper
+    into = config.ball_reach - np.linalg.norm(upper - lower + [0.0, 0.0, config.ball_reach], axis=1)
+    worst = int(np.argmax(into))
+    if into[worst] > LARGEST_OVERLAP:
+        raise IsfError(
+            ErrorCode.CONTOUR_REJECTED,
+            f"the balls of both tools would run {1e3 * into[worst]:.1f} mm into each other at point {worst + 1}",
+            where=where,
+            advice="look at support_tip: it is the highest point of the lower ball",
+        )
+
+
 def _check_limits(contour: Contour, config: ControlConfig, where: str) -> None:
     if contour.feed > 0.9 * config.speed_limit:
         raise IsfError(
@@ -137,6 +177,14 @@ def _check_limits(contour: Contour, config: ControlConfig, where: str) -> None:
             f"feed of {contour.feed * 1e3:.0f} mm/s leaves no reserve to the rig's {config.speed_limit * 1e3:.0f} mm/s",
             where=where,
             advice="reduce path.feed",
+        )
+    if contour.force_controlled and float(np.nanmax(contour.support_force)) > config.largest_set_point:
+        raise IsfError(
+            ErrorCode.CONTOUR_REJECTED,
+            f"a set-point of {np.nanmax(contour.support_force):.0f} N is more than the rig bears "
+            f"({config.largest_set_point:g} N)",
+            where=where,
+            advice="reduce control.support_force; limits.force of the rig if it bears more",
         )
     reach = np.array(config.travel) - [config.offset_limit, config.offset_limit, 0.0]
     for name, tips in (("forming_tip", contour.forming_tip), ("support_tip", contour.support_tip)):

@@ -24,6 +24,10 @@ FRESH = 1.0
 USUAL = 3.0
 """Usual distances of two wrenches within which one is not missing yet, whatever the rate of the load cells."""
 
+SLOWEST = 4.0
+"""Periods of the control rate that wrenches may usually be apart, by the clock (assumed): the force loop is stable for
+what comes at its own rate."""
+
 
 class Readiness:
     """Ages of wrenches and poses, state of the machine, and whose wrench is ``needed`` (1, 2).
@@ -41,6 +45,7 @@ class Readiness:
         self._stopped: float | None = None  # s of the clock since when the machine is in a protective stop
         self._watchdogs = (ReceiveWatchdog(timeout, clock), ReceiveWatchdog(timeout, clock))
         self._poses: list[tuple[float, Vector] | None] = [None, None]
+        self._usual: dict[int, float] = {}  # s between wrenches of a tool, when the plan was armed
         self.axis: Vector = UPRIGHT
 
     def wrench(self, tool: int) -> None:
@@ -80,8 +85,27 @@ class Readiness:
 
     def missing(self, seconds: float) -> list[int]:
         """Needed tools without a wrench for ``seconds``, or for longer where theirs usually come slower than that."""
-        dogs = self._watchdogs
-        return [k for k in self.needed if dogs[k - 1].age() > max(seconds, USUAL * dogs[k - 1].distance)]
+        dogs, usual = self._watchdogs, self._usual
+        return [k for k in self.needed if dogs[k - 1].age() > max(seconds, USUAL * usual.get(k, dogs[k - 1].distance))]
+
+    def keep_rates(self, rate: float) -> None:
+        """What is usual now is so from here on: silences while the tools are on the sheet do not become usual.
+
+        Raises IsfError WRENCH_LOST where a needed wrench comes at less than a quarter of the control ``rate`` Hz: the
+        tools would be moved by forces of long ago.
+        """
+        self._usual = {tool: self._watchdogs[tool - 1].distance for tool in self.needed}
+        for tool, distance in self._usual.items():
+            if distance * rate > SLOWEST:
+                raise IsfError(
+                    ErrorCode.WRENCH_LOST,
+                    f"tool_{tool}/wrench comes {1.0 / distance:.3g} times a second; the job controls at {rate:g} Hz",
+                    advice=f"raise the rate of the driver, or lower control.rate to {4.0 / distance:.3g} Hz or less",
+                )
+
+    def tare_lost(self) -> bool:
+        """True where the machine tells that its load cells are no longer tared."""
+        return self._machine is not None and not self._machine[1].tared
 
     def lost_fault(self, tools: Sequence[int], seconds: float) -> Fault:
         """Code and text of the ``tools`` that are silent for ``seconds``: nothing comes, or nothing of use."""
@@ -126,7 +150,7 @@ class Readiness:
                 advice="the driver has to publish its state, 5 times a second or more, and machine/tare be called; or "
                 "set wrenches_tared where the wrenches come tared",
             )
-        if not self._machine[1].tared:
+        if self.tare_lost():
             raise IsfError(ErrorCode.NO_TARE, "the load cells were not tared", advice="call machine/tare")
 
     def check_forming(self, forming_tool: int) -> None:

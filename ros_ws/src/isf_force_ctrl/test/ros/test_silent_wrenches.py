@@ -123,3 +123,23 @@ def test_velocities_end_without_poses_however_long_wrenches_are_waited_for(cell:
     assert cell.wait(lambda: cell.results)
     assert (cell.results[0].completed, cell.results[0].code) == (False, ErrorCode.POSE_LOST)
     assert "for 0.25 s" in cell.results[0].message
+
+
+def test_wrenches_now_and_then_do_not_keep_a_contour_going(cell: Cell) -> None:
+    """Two or three a second: none is missing for three seconds, and the tools stand nearly all the time."""
+    cell.begin()
+    assert cell.set("machine", lost_share=0.995)[0].successful
+    assert cell.wait(lambda: cell.results)
+    assert (cell.results[0].completed, cell.results[0].code) == (False, ErrorCode.WRENCH_LOST)
+    assert "again and again" in cell.results[0].message
+
+
+def test_a_tare_that_is_lost_ends_the_contour_and_lets_none_begin(cell: Cell) -> None:
+    cell.begin()
+    assert cell.set("machine", tared=False)[0].successful
+    assert cell.wait(lambda: cell.results)
+    assert (cell.results[0].completed, cell.results[0].code) == (False, ErrorCode.NO_TARE)
+    assert "no longer tared" in cell.results[0].message
+    assert cell.ask_to_arm(plan_id="").code == 0
+    assert cell.rests_in(ForceCtrlState.IDLE)  # lifted all the same
+    assert cell.ask_to_arm().code == ErrorCode.NO_TARE
