@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -137,7 +138,7 @@ def with_smaller_steps(
         if angle <= limit + STEEPER:
             k += 1
             continue
-        between = _largest(lambda one, limit=limit: steepest(chain.shape(one)) <= limit, at, made[k - 1])  # type: ignore[misc]
+        between = _largest(partial(_within, chain, limit), at, made[k - 1])
         if len(made) >= most or made[k - 1] - between < NEAREST:
             room = len(made) < most
             raise IsfError(
@@ -207,6 +208,11 @@ class _Steps:
         start = float(np.interp(first, np.arange(len(volume)), falling))
         wanted = start + (falling[0] - start) * np.arange(count) / count
         return [float(at) for at in np.interp(-wanted, -falling, np.arange(len(volume)))]
+
+
+def _within(chain: Chain, limit: float, place: float) -> bool:
+    """Whether the shape at ``place`` of the ``chain`` is nowhere steeper than ``limit`` rad."""
+    return steepest(chain.shape(place)) <= limit
 
 
 def _largest(allowed: Callable[[float], bool], low: float, high: float) -> float:
