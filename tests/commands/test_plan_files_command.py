@@ -38,6 +38,41 @@ def test_plan_is_written_shown_and_converted(tmp_path: Path) -> None:
     assert "iso_two_channels" in done.stderr + done.stdout
 
 
+@pytest.mark.parametrize(
+    ("process", "options", "said"),
+    [
+        ("TPIF", ("--export", "c.npz", "--export", "a.nc", "--export", "b.csv"), "no place for the blank holder"),
+        ("TPIF", ("--export", "a.stl", "--export", "b.csv"), "no place for the blank holder"),
+        ("SPIF", ("--export", "c.npz", "--export", "a.nc", "--per-stage"), "formed in one stage"),
+        ("SPIF", ("--export", "c.npz", "--export", "a.xyz"), "not the ending of a known format"),
+        ("SPIF", ("--export", "c.npz", "--export", "nowhere/a.nc"), "no such folder"),
+    ],
+)
+def test_an_export_that_cannot_be_is_refused_before_the_plan(
+    process: str, options: tuple[str, ...], said: str, tmp_path: Path
+) -> None:
+    """The part of the job is not even there: it is told after what is wrong with the exports."""
+    job = (ROOT / "examples" / "jobs" / "tpif_cone.yaml").read_text(encoding="utf-8")
+    if process == "SPIF":
+        job = re.sub(r"^die:\n(  .*\n)+", "", job.replace("process: TPIF", "process: SPIF"), flags=re.MULTILINE)
+    (tmp_path / "job.yaml").write_text(job, encoding="utf-8")
+    done = isf("plan", "job.yaml", *options, "-o", "run", cwd=tmp_path)
+    assert done.returncode == Exit.INPUT
+    assert said in " ".join(done.stderr.split())
+    assert [path.name for path in tmp_path.iterdir()] == ["job.yaml"]
+    done = isf("plan", "job.yaml", "--export", "c.npz", "--export", "b.stl", "-o", "run", cwd=tmp_path)
+    assert "MESH_UNREADABLE" in done.stderr
+
+
+def test_nothing_is_written_of_a_plan_file_before_all_exports_can_be(tmp_path: Path) -> None:
+    done = isf("plan", str(ROOT / "examples/jobs/tpif_cone.yaml"), "--export", "c.npz", "-o", "run", cwd=tmp_path)
+    assert done.returncode == Exit.OK, done.stderr
+    done = isf("plan", "c.npz", "--export", "again.npz", "--export", "b.csv", cwd=tmp_path)
+    assert done.returncode == Exit.INPUT
+    assert "no place for the blank holder" in done.stderr
+    assert not (tmp_path / "again.npz").exists()
+
+
 def test_features_and_stages_of_a_steep_part(tmp_path: Path) -> None:
     """As in docs/methods/steep_parts.md, with a smaller part."""
     done = isf("part", "cone", "--set", "angle=66 deg", "--set", "depth=12 mm", "-o", "c.stl", cwd=tmp_path)
@@ -55,6 +90,9 @@ def test_features_and_stages_of_a_steep_part(tmp_path: Path) -> None:
     shown = ("--show", "features.html", "--colour", "features")
     done = isf("plan", "job.yaml", *shown, "-o", "run", "--json", cwd=tmp_path)
     assert done.returncode == Exit.OK, done.stderr
+    said = " ".join(done.stderr.split())  # two laws of thickness, and which is which
+    assert f"thinnest {json.loads(done.stdout)['min_thickness_mm']:.2f} mm (sine law of the final walls" in said
+    assert said.count("sheet carried from stage to stage 0.") == 2
     found = json.loads(done.stdout)
     assert found["features"] == {"top": 1, "floor": 1, "ruled_positive": 1, "rim": 1, "rib_bottom": 1}
     assert [set(stage) for stage in found["stages"]] == [

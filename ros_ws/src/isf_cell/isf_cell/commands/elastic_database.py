@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 
 from isf_core.contour import Contour
@@ -9,6 +10,38 @@ from isf_core.errors import IsfError
 from isf_core.files.job import JobFile
 
 from isf_cell.commands import terminal
+
+LONG = 30.0
+"""s, after which it is told that the database is still being computed, and what would do without it."""
+
+
+class DatabaseProgress:
+    """Tells ``phase`` how many depths are computed, and once it takes long by ``clock`` (s) what would be faster.
+
+    On a wide clamp the first depth alone takes minutes.
+    """
+
+    def __init__(self, phase: Callable[[str], None], clock: Callable[[], float] = time.monotonic) -> None:
+        self._phase, self._clock, self._since = phase, clock, clock()
+        self._counts, self._long = (0, 0), False
+
+    def progress(self, done: int, total: int) -> None:
+        """So many depths of all are computed."""
+        self._counts = done, total
+        text = f"springback database: {done} of {total} depths"
+        if self._long:
+            text += (
+                f", still at it after {LONG:.0f} s: a wide clamp and a fine sheet take minutes, the first time only; "
+                "--correction analytic forms without a database"
+            )
+        self._phase(text)
+
+    def poll(self) -> bool:
+        """To be called while it is computed; never asks it to stop."""
+        if not self._long and self._clock() - self._since >= LONG:
+            self._long = True
+            self.progress(*self._counts)
+        return False
 
 
 def takes_database(job_file: JobFile, method: str) -> bool:
@@ -40,11 +73,8 @@ def prepare_database(
         if contours is None:
             phase("springback database: planning")
             contours = plan(job_file).contours
-        database = build_database(
-            contours,
-            job_file,
-            progress=lambda done, total: phase(f"springback database: {done} of {total} depths"),
-        )
+        told = DatabaseProgress(phase)
+        database = build_database(contours, job_file, progress=told.progress, cancelled=told.poll)
         database.save(cached_path(job_file))
     except IsfError as error:
         terminal.warn(f"{job_file.job.name}: no springback database, {error.message}")

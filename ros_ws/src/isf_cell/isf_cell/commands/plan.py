@@ -82,6 +82,7 @@ def plan_part(part: Path, unit: str | None, output: Path | None, wanted: Wanted,
         _export_run(part, wanted, as_json=as_json)
         return
     job_file = _job_of(part, unit)
+    _check_exports(wanted, job_file.job)
     with terminal.console.status("planning") as status:
         result = plan(job_file, progress=lambda phase, share: status.update(f"{phase} {100 * share:.0f} %"))
         exported = _corrected(result, job_file, wanted)
@@ -91,7 +92,8 @@ def plan_part(part: Path, unit: str | None, output: Path | None, wanted: Wanted,
     picture = draw_plan(result, job_file, folder / "plan.png")
     table = folder / "contours.csv"
     _write_table(result, table)
-    data = _numbers(result) | {"picture": str(picture), "table": str(table), "warnings": list(result.warnings)}
+    warnings = [*result.warnings, *plan_contours.ridge_warning(listed.surface, result, job_file)]
+    data = _numbers(result) | {"picture": str(picture), "table": str(table), "warnings": warnings}
     by_contour = plan_contours.write_rows(listed.rows, folder / "by_contour.csv")
     data |= {"contour_table": str(by_contour), "by_contour": list(listed.rows), "tool_marks": marks}
     found = None
@@ -110,7 +112,7 @@ def plan_part(part: Path, unit: str | None, output: Path | None, wanted: Wanted,
     terminal.console.print(
         f"{data['contours']} contours, {data['points']} points, {_path_text(data)}, "
         f"{data['time_s'] / 60:.1f} min at feed; wall angle up to {data['max_wall_angle_deg']:.1f} deg, "
-        f"thinnest {data['min_thickness_mm']:.2f} mm"
+        f"thinnest {data['min_thickness_mm']:.2f} mm{_thickness_of(result, job_file.job)}"
     )
     for line in plan_contours.texts(marks, data["spindle"], job_file):
         terminal.say(line)
@@ -122,7 +124,8 @@ def plan_part(part: Path, unit: str | None, output: Path | None, wanted: Wanted,
         if fold := stage.fold_over:
             text += f", {fold.gap_text} to the wall of the stage before, {fold.ratio:.2f} of the limit"
         if sheet := stage.sheet:
-            text += f"; sheet {1e3 * sheet.thinnest:.2f} mm, strain left {sheet.least_margin:.2f}"
+            text += f"; sheet carried from stage to stage {1e3 * sheet.thinnest:.2f} mm at its thinnest, "
+            text += f"strain left {sheet.least_margin:.2f}"
         terminal.say(text)
     if passes := data["finishing_passes"]:
         terminal.say(f"{passes} finishing pass{'es' if passes > 1 else ''} over the whole part on the same path")
@@ -141,7 +144,7 @@ def plan_part(part: Path, unit: str | None, output: Path | None, wanted: Wanted,
             f"{moved['largest_move_mm']:.2f} mm, {moved['outside_share']:.0%} of the part outside of what was learned; "
             f"right to {moved['held_out_rms_mm']:.2f} mm (rms) on shapes held out"
         )
-    for warning in result.warnings:
+    for warning in warnings:
         terminal.warn(warning)
     terminal.say(f"picture {picture}\ntable   {table}, {by_contour.name} beside it")
     for line in arm_text(data["machine"]):
@@ -154,6 +157,16 @@ def plan_part(part: Path, unit: str | None, output: Path | None, wanted: Wanted,
         _tell(exported)
     for path in data["files"]:
         terminal.say(f"file    {path}")
+
+
+def _check_exports(wanted: Wanted, job: Job) -> None:
+    """Raise IsfError for exports that no plan of ``job`` can have: it is not planned in vain then."""
+    # a process of another package may make stages of its own
+    staged = bool(job.path.stages or job.path.morph or job.path.finishing_passes or job.strategy)
+    for path in wanted.export:
+        exports.check_export(path, wanted.form, over_die=job.process == "TPIF")
+        if wanted.per_stage:
+            exports.check_stages(path, wanted.form, staged=staged, of=job.name)
 
 
 def _write_plate(result: Plan, job_file: JobFile, folder: Path) -> dict[str, str | None]:
@@ -411,6 +424,9 @@ def _write(
     no ``found`` features, as it does not know the radius of the tool, and no rig whose arms programs could speak of."""
     arms = (None, None) if rig is None else (rig.arm(1), rig.arm(2))
     of = result if exported is None else exported.plan
+    over_die = any(contour.holder_height for contour in of.contours)
+    for path in wanted.export:  # all before the first is written
+        exports.check_export(path, wanted.form, over_die=over_die)
     write = exports.export_stages if wanted.per_stage else exports.export
     written = [file for path in wanted.export for file in write(of, path, wanted.form, arms)]
     if wanted.colour != FEATURES:
@@ -485,6 +501,14 @@ def _numbers(result: Plan) -> dict[str, Any]:
         "partial_paths": _partial(result),
         "spindle": plan_contours.spindle_numbers(result),
     }
+
+
+def _thickness_of(result: Plan, job: Job) -> str:
+    """What the thinnest sheet of a plan in stages is, whose stages are told with another one; empty in one stage."""
+    if not any(stage.sheet for stage in result.stages):
+        return ""
+    law = "sine law" if job.path.thickness == "sine_law" else job.path.thickness
+    return f" ({law} of the final walls, in one pass; by stage below)"
 
 
 def _path_text(data: dict[str, Any]) -> str:

@@ -8,11 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from isf_core.contour import contour_label
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files import quantity
 from isf_core.files.job import JobFile
 from isf_core.files.tooling import ToolSpec
 from isf_planner import Plan
+from isf_planner.part.mesh_checks import place_text
 from isf_planner.paths.spindle import SPINDLE_TOOL, slip
 from isf_planner.predict.predictions import contour_time
 from isf_planner.predict.tool_marks import (
@@ -149,6 +151,26 @@ def marks_numbers(table: ContourTable, result: Plan, job_file: JobFile, wanted: 
         "floor_scallop_um": None if found.floor_ridge is None else UM * found.floor_ridge,
         "wanted": _recommended(found, result, job_file, wanted) if wanted.any else None,
     }
+
+
+def ridge_warning(found: Surface | None, result: Plan, job_file: JobFile) -> tuple[str, ...]:
+    """Warning where the highest ridge between passes beside each other is higher than the part may be off."""
+    path, allowed = job_file.job.path, job_file.job.tolerance.shape
+    if found is None or found.ridge <= allowed:
+        return ()
+    advice = "a smaller path.incremental_depth"
+    if path.spacing == "scallop":
+        advice = "a smaller path.smallest_step, or scallop_height,"
+    elif path.spacing == "arc":
+        advice = "path.spacing: scallop, or a smaller path.arc_step and smallest_step,"
+    elif job_file.job.process != "ADSIF":
+        advice = f"path.spacing: scallop, or {advice},"
+    place = result.contours[found.contour].contact[found.point]
+    return (
+        f"{contour_label(found.contour)} at {place_text(place)}: the tool leaves a ridge of {MM * found.ridge:.2f} mm "
+        f"beside the contour before, more than tolerance.shape of {MM * allowed:.2f} mm; {advice} brings them closer "
+        "together",
+    )
 
 
 def _recommended(found: Surface, result: Plan, job_file: JobFile, wanted: WantedMarks) -> dict[str, Any]:

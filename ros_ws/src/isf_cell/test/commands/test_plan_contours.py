@@ -10,6 +10,7 @@ from isf_cell.commands.plan_contours import (
     WantedMarks,
     contour_table,
     marks_numbers,
+    ridge_warning,
     spindle_numbers,
     texts,
     wanted_marks,
@@ -92,6 +93,24 @@ def test_the_step_for_a_wanted_surface_and_what_it_costs(made: Plan, job_file: J
     assert "incremental_depth" in said
     assert "more accurate and smoother, and takes longer" in said
     assert "spindle: 55" in said
+
+
+def test_a_ridge_above_the_tolerance_is_warned_of(made: Plan, job_file: JobFile) -> None:
+    """Ridges on this wall are 17 um high (1.436 mm apart, ball of 15 mm), and nowhere is one of 0.3 mm."""
+    surface = contour_table(made, job_file).surface
+    assert ridge_warning(surface, made, job_file) == ()
+    strict = JobFile(job_file.text + "tolerance: {shape: 12 um}\n", job_file.base)
+    (told,) = ridge_warning(surface, made, strict)
+    assert surface is not None
+    assert told.startswith(f"contour {surface.contour + 1} at x = ")
+    assert f"a ridge of {1e3 * surface.ridge:.2f} mm" in told
+    assert "path.spacing: scallop, or a smaller path.incremental_depth" in told
+    options = "{spacing: scallop, scallop_height: 5 um, incremental_depth"
+    scallop = JobFile(strict.text.replace("{incremental_depth", options), job_file.base)
+    (told,) = ridge_warning(surface, made, scallop)
+    assert "path.spacing" not in told
+    assert "path.smallest_step" in told
+    assert ridge_warning(None, made, strict) == ()
 
 
 def test_near_the_limit_a_finer_step_is_warned_of(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ import trimesh
 from isf_core.contour import Contour, contour_label
 from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import Job, JobFile
+from isf_core.process.thickness_and_tips import sine_law
 from isf_core.types import Array
 from scipy.interpolate import RegularGridInterpolator
 from scipy.spatial import KDTree
@@ -14,7 +15,8 @@ from scipy.spatial import KDTree
 from isf_planner.part import meshes
 from isf_planner.part.mesh_checks import check_size, place_text
 from isf_planner.part.meshes import Mesh
-from isf_planner.surface import target_surface
+from isf_planner.surface import surface_kernels, target_surface
+from isf_planner.surface.target_surface import TargetSurface
 
 EDGE = 0.7e-3
 """m, spacing of the points by which a die is checked."""
@@ -85,26 +87,44 @@ def check_die(part: Mesh, height: float, job_file: JobFile) -> None:
         )
 
 
-def check_tool(contours: tuple[Contour, ...], job: Job, points: Array) -> None:
-    """The tool leaves the sheet its room over the die's ``points`` (M, 3) m.
+def check_tool(contours: tuple[Contour, ...], job: Job, points: Array, surface: TargetSurface) -> None:
+    """The tool leaves the sheet its room over the die's ``points`` (M, 3) m, wherever the ball is near to the die.
+
+    A ball may meet a wall and the flange at once, where the sheet has two thicknesses: each place is compared with its
+    own, by the sine law on the sampled target ``surface`` in the frame of the die.
 
     Raises
     ------
     IsfError : DIE_COLLISION with contour and place
     """
     tree = KDTree(points)
-    ball = job.tool_1.ball_radius
+    ball, blank = job.tool_1.ball_radius, job.sheet.thickness
+
+    def formed(places: Array) -> Array:
+        """(N,) m, thickness of the sheet at ``places`` (N, 3) m."""
+        flat = np.ascontiguousarray(places[:, :2])
+        tangent = surface_kernels.horizontal_normals(surface.normal_xy, surface.origin, surface.pitch, flat)
+        return sine_law(blank, np.arcsin(np.clip(np.hypot(*tangent.T), 0.0, 1.0)))
+
     for contour in contours:
         contact = contour.contact + np.array([0.0, 0.0, contour.holder_height])
-        free = tree.query(contact + ball * contour.normal)[0] - ball
-        missing = CRUSHED * contour.thickness - free
+        centres = contact + ball * contour.normal
+        near = KDTree(centres).sparse_distance_matrix(tree, ball + CRUSHED * blank, output_type="ndarray")
+        if len(near) == 0:
+            continue
+        centre, die = centres[near["i"]], points[near["j"]]
+        pressed = centre + ball * (die - centre) / np.maximum(near["v"], np.finfo(float).tiny)[:, None]
+        # what lies between the two is slanted: the thinner end is what has to have room
+        sheet = np.minimum(formed(die), formed(pressed))
+        free = near["v"] - ball
+        missing = CRUSHED * sheet - free
         worst = int(np.argmax(missing))
         if missing[worst] > INTO_SHEET:
             raise IsfError(
                 ErrorCode.DIE_COLLISION,
                 f"only {max(float(free[worst]), 0.0) * 1e3:.2f} mm are left between tool and die for a sheet of "
-                f"{contour.thickness[worst] * 1e3:.2f} mm",
-                where=f"{contour_label(contour.index)} at {place_text(contact[worst])}",
+                f"{sheet[worst] * 1e3:.2f} mm",
+                where=f"{contour_label(contour.index)} at {place_text(pressed[worst])}",
                 advice="lower the die, or use a die whose surface follows the part's lower face",
             )
 

@@ -3,11 +3,13 @@
 from isf_planner.exports.plan_file import load_plan, save_plan
 from isf_planner.exports.post_processor import load_post, post_names
 from isf_planner.exports.programs import read_programs, write_programs
-from isf_planner.exports.stage_files import export_stages
-from isf_planner.exports.writer import FORMATS, export, for_arms, format_of
+from isf_planner.exports.stage_files import check_stages, export_stages
+from isf_planner.exports.writer import FORMATS, check_export, export, for_arms, format_of
 
 __all__ = [
     "FORMATS",
+    "check_export",
+    "check_stages",
     "export",
     "export_stages",
     "for_arms",

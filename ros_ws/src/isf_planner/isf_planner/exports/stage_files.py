@@ -34,6 +34,32 @@ def of_stage(plan: Plan, stage: int) -> Plan:
     return replace(plan, plan_id=plan_id, contours=contours, spindle=spindle)
 
 
+def check_stages(path: Path, form: str | None = None, *, staged: bool, of: str) -> str:
+    """Format of the file ``path``, where a part can be written stage by stage in it; ``staged``: it is formed in
+    several, ``of``: its name.
+
+    Raises
+    ------
+    IsfError : EXPORT_FORMAT_UNKNOWN of a part that is formed in one stage, and of format plan, which holds all stages
+    """
+    known = format_of(path, form)
+    if not staged:
+        raise IsfError(
+            ErrorCode.EXPORT_FORMAT_UNKNOWN,
+            "the part is formed in one stage, there is nothing to be written stage by stage",
+            where=of,
+            advice="leave --per-stage out, or form it in stages (path.morph, path.stages, path.finishing_passes)",
+        )
+    if known == "plan":
+        raise IsfError(
+            ErrorCode.EXPORT_FORMAT_UNKNOWN,
+            "a plan file holds all stages: it is not written stage by stage",
+            where=str(path),
+            advice="export it without --per-stage; isf plan FILE.npz --export part.nc --per-stage takes it apart",
+        )
+    return known
+
+
 def export_stages(
     plan: Plan,
     path: Path,
@@ -47,24 +73,10 @@ def export_stages(
 
     Raises
     ------
-    IsfError : EXPORT_FORMAT_UNKNOWN of a part that is formed in one stage, and of format plan, which holds all stages;
-        else as :func:`isf_planner.exports.export`
+    IsfError : as :func:`check_stages` and :func:`isf_planner.exports.export`
     """
-    known, count = format_of(path, form), stage_count(plan)
-    if count == 1:
-        raise IsfError(
-            ErrorCode.EXPORT_FORMAT_UNKNOWN,
-            "the part is formed in one stage, there is nothing to be written stage by stage",
-            where=plan.plan_id,
-            advice="leave --per-stage out, or form it in stages (path.morph, path.stages, path.finishing_passes)",
-        )
-    if known == "plan":
-        raise IsfError(
-            ErrorCode.EXPORT_FORMAT_UNKNOWN,
-            "a plan file holds all stages: it is not written stage by stage",
-            where=str(path),
-            advice="export it without --per-stage; isf plan FILE.npz --export part.nc --per-stage takes it apart",
-        )
+    count = stage_count(plan)
+    known = check_stages(path, form, staged=count > 1, of=plan.plan_id)
     written = []
     for stage in range(count):
         target = path.with_name(f"{path.stem}_stage_{stage + 1}{path.suffix}")

@@ -30,6 +30,9 @@ FORMATS = {
 NO_PROGRAMS = ("plan", "stl", "csv")
 """Formats that no post-processor writes."""
 
+OF_SHAPE = ("plan", "stl")
+"""Formats that a part over a die has, too."""
+
 
 def format_of(path: Path, form: str | None = None) -> str:
     """Format of the file ``path``: ``form`` where it is given, else by the ending; IsfError EXPORT_FORMAT_UNKNOWN."""
@@ -42,6 +45,28 @@ def format_of(path: Path, form: str | None = None) -> str:
             where=str(path),
             advice=f"add --format NAME ({', '.join((*NO_PROGRAMS, *post_names()))}), or one of the endings {endings}",
         )
+    return known
+
+
+def check_export(path: Path, form: str | None = None, *, over_die: bool = False) -> str:
+    """Format of the file ``path``, after what can be said of it without a plan; ``over_die``: of a part over a die.
+
+    Raises
+    ------
+    IsfError : as :func:`export`, but for what depends on the contours
+    """
+    known = format_of(path, form)
+    if not path.parent.is_dir():
+        raise IsfError(ErrorCode.FILE_NOT_WRITABLE, "no such folder", where=str(path.parent), advice="make it first")
+    if over_die and known not in OF_SHAPE:
+        raise IsfError(
+            ErrorCode.EXPORT_FORMAT_UNKNOWN,
+            f"format {known} has no place for the blank holder, whose travel is the depth of a part over a die",
+            where=str(path),
+            advice="export a plan (.npz); isf form and isf simulate form the job itself",
+        )
+    if known not in NO_PROGRAMS:
+        load_post(known)
     return known
 
 
@@ -71,20 +96,11 @@ def export(
     IsfError : EXPORT_FORMAT_UNKNOWN, also for what a format cannot say; FILE_NOT_WRITABLE; or a fault in the user's
         post-processor
     """
-    known = format_of(path, form)
-    if not path.parent.is_dir():
-        raise IsfError(ErrorCode.FILE_NOT_WRITABLE, "no such folder", where=str(path.parent), advice="make it first")
+    known = check_export(path, form, over_die=any(contour.holder_height for contour in plan.contours))
     if known == "plan":
         return [save_plan(plan, path)]
     if known == "stl":
         return [write_target(plan, path)]
-    if any(contour.holder_height for contour in plan.contours):
-        raise IsfError(
-            ErrorCode.EXPORT_FORMAT_UNKNOWN,
-            f"format {known} has no place for the blank holder, whose travel is the depth of a part over a die",
-            where=str(path),
-            advice="export a plan (.npz); isf form and isf simulate form the job itself",
-        )
     if known == "csv":
         if any(contour.tilted for contour in plan.contours):
             raise IsfError(

@@ -13,7 +13,7 @@ loop goes on. An island is a child of the pocket it stands in.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -24,6 +24,7 @@ from isf_core.types import Array
 
 from isf_planner.loops import tip_loops
 from isf_planner.loops.tip_loops import TipLoop, tip_loop
+from isf_planner.part.mesh_checks import place_text
 from isf_planner.surface.target_surface import TargetSurface
 
 
@@ -154,6 +155,20 @@ def within(points: Array, shape: shapely.Polygon) -> bool:
 BOTTOM_SHARES = (0.0, 0.05, 0.1, 0.2, 0.4)
 """Parts of the last step by which the last level is raised when the bottom is a dome without a floor."""
 
+NOISE = 0.09e-3
+"""m, depth or height below which many narrow loops at once are noise of a surface, as of a scanned one (assumed)."""
+
+NOISE_LOOPS = 4
+"""So many loops narrower than the tool are noise where they lie in one pocket :data:`NOISE` above the deepest place
+(assumed)."""
+
+PROBED = (0.0, 0.25, 0.5, 0.75)
+"""Of the way from a level down to a floor just below it: where noise is looked for, of which the level may cross
+little."""
+
+NOISE_STEP = 10e-6
+"""m, by which the last level of a pocket with a noisy floor is raised until nothing of the noise is left in it."""
+
 
 @dataclass(frozen=True)
 class TipGrid:
@@ -167,8 +182,9 @@ class TipGrid:
 
 @dataclass
 class _Tracing:
-    """Loops found so far, the pockets that end, and what has to be told."""
+    """Loops found so far, the pockets that end, and what has to be told; ``radius`` m of the forming ball."""
 
+    radius: float
     nodes: list[RoughLoop] = field(default_factory=list)
     ends: list[_End] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
@@ -176,11 +192,15 @@ class _Tracing:
 
 @dataclass(frozen=True)
 class _End:
-    """A pocket that goes no deeper than ``lowest`` (m), below the loop ``above``; ``around`` limits where."""
+    """A pocket that goes no deeper than ``lowest`` (m), below the loop ``above``; ``around`` limits where.
+
+    ``noisy``: level (m) that noise of its floor crosses, where that is known.
+    """
 
     lowest: float
     above: int
     around: Array
+    noisy: float | None = None
 
 
 def trace(grid: TipGrid, levels: Array, job: Job) -> tuple[list[RoughLoop], list[str]]:
@@ -196,7 +216,7 @@ def trace(grid: TipGrid, levels: Array, job: Job) -> tuple[list[RoughLoop], list
     ------
     IsfError : CONTOUR_LOST for a loop that is not closed, PART_TOO_SMALL_FOR_TOOL when there is no loop at all
     """
-    state = _Tracing()
+    state = _Tracing(job.tool_1.ball_radius)
     least = tip_loops.SMALLEST_STEP * abs(float(levels[0]))
     border = [RoughLoop(-least, points, island, real=False) for points, island in _slice(grid, -least)]
     front = link(state.nodes, border, [])
@@ -248,8 +268,11 @@ def _slice(grid: TipGrid, level: float) -> list[tuple[Array, bool]]:
 def _descend(state: _Tracing, grid: TipGrid, front: list[int], level: float, least: float) -> list[int]:
     """Loops of the next level: linked, pockets that end before it set aside; the new front."""
     found = _slice(grid, level)
+    count = sum(not island for _, island in found)
+    bottoms = {id(points): _lowest(grid, points, count) for points, island in found if not island}
+    found = _without_noise(state, grid, found, bottoms, front, level)
     pockets = [points for points, island in found if not island]
-    deep = [points for points in pockets if level - _lowest(grid, points, len(pockets)) >= least * (1 - 1e-9)]
+    deep = [points for points in pockets if level - bottoms[id(points)] >= least * (1 - 1e-9)]
     shallow = [points for points in pockets if not any(points is other for other in deep)]
     loops = [RoughLoop(level, points, False) for points in deep]
     shapes = [loop.polygon for loop in loops]
@@ -261,10 +284,78 @@ def _descend(state: _Tracing, grid: TipGrid, front: list[int], level: float, lea
     added = link(state.nodes, loops, front)
     for points in shallow:
         above = [k for k in front if not state.nodes[k].island and within(points, state.nodes[k].polygon)]
-        state.ends.append(_End(_lowest(grid, points, len(pockets)), above[0] if above else -1, points))
+        state.ends.append(_End(bottoms[id(points)], above[0] if above else -1, points))
     going_on = {k for index in added for k in state.nodes[index].above} | {end.above for end in state.ends}
     state.ends += [_end(grid, state.nodes, k, front) for k in front if not state.nodes[k].island and k not in going_on]
     return added
+
+
+def _without_noise(
+    state: _Tracing,
+    grid: TipGrid,
+    found: list[tuple[Array, bool]],
+    bottoms: Mapping[int, float],
+    front: list[int],
+    level: float,
+) -> list[tuple[Array, bool]]:
+    """Loops of a level without those that noise makes on a floor; a pocket of ``front`` that goes no deeper ends there.
+
+    Only so many at once are noise: a shallow mark of a clean part stays. ``bottoms``: m, lowest tip in the pockets
+    ``found``, by the identity of their points.
+    """
+    for k in front:
+        if state.nodes[k].island:
+            continue
+        shape = state.nodes[k].polygon
+        inside = [(points, island) for points, island in found if within(points, shape)]
+        below = [bottoms[id(points)] for points, island in inside if not island]
+        if not below:
+            continue
+        lowest = min(below)
+        ends = level - lowest < NOISE
+        for share in PROBED if ends else (0.0,):
+            probed = level + share * (lowest - level)
+            crossed = [one for one in _slice(grid, probed) if within(one[0], shape)] if share else inside
+            if noise := _noise(grid, crossed, probed, state.radius):
+                break
+        else:
+            continue
+        if ends:
+            state.ends.append(_End(lowest, k, state.nodes[k].points, noisy=probed))
+            noise = [points for points, _ in inside]
+        else:
+            state.warnings.append(_of_noise(noise, level))
+        found = [one for one in found if not any(one[0] is points for points in noise)]
+    return found
+
+
+def _noise(grid: TipGrid, loops: Sequence[tuple[Array, bool]], level: float, radius: float) -> list[Array]:
+    """Those of the ``loops`` of one pocket at a ``level`` that noise makes, for a ball of ``radius`` m.
+
+    Marks of a clean part that are as shallow are few; deeper ones lie in pockets of their own above their bottoms.
+    """
+    slight = _slight(grid, loops, level, radius) if len(loops) >= NOISE_LOOPS else []
+    if len(slight) < NOISE_LOOPS or all(island for _, island in loops):
+        return []
+    lowest = min(_lowest(grid, points, 2) for points, island in loops if not island)
+    basins = [shapely.Polygon(points) for points, island in _slice(grid, lowest + NOISE) if not island]
+    shared = [[points for points in slight if within(points, basin)] for basin in basins]
+    return [points for one in shared if len(one) >= NOISE_LOOPS for points in one]
+
+
+def _slight(grid: TipGrid, loops: Sequence[tuple[Array, bool]], level: float, radius: float) -> list[Array]:
+    """Those of the ``loops`` that are narrower than the tool and hardly deeper, or higher, than their ``level``."""
+    narrow = [points for points, _ in loops if tip_loops.perimeter(points) < 2.0 * np.pi * radius]
+    return [points for points in narrow if np.abs(_inside(grid, points) - level).max(initial=0.0) < NOISE]
+
+
+def _of_noise(loops: Sequence[Array], level: float) -> str:
+    largest = max(loops, key=tip_loops.perimeter)
+    return (
+        f"{len(loops)} loops at level {level * 1e3:.2f} mm, narrower than the tool and less than {NOISE * 1e3:.2f} mm "
+        f"deep or high, are left out as noise of the surface, one of them at "
+        f"{place_text(np.append(largest.mean(axis=0), level))}: smooth or remesh the part, as for a scanned one"
+    )
 
 
 def _end(grid: TipGrid, nodes: list[RoughLoop], k: int, front: list[int]) -> _End:
@@ -278,32 +369,48 @@ def _lowest(grid: TipGrid, points: Array, pockets: int) -> float:
     shape = shapely.Polygon(points)
     if pockets == 1 or shapely.contains_xy(shape, grid.x[column], grid.y[row]):
         return -grid.depth
+    return float(_inside(grid, points).min(initial=np.inf))
+
+
+def _inside(grid: TipGrid, points: Array) -> Array:
+    """(M,) m, heights of the tip inside a loop."""
     low, high = points.min(axis=0), points.max(axis=0)
     columns = slice(*np.searchsorted(grid.x, [low[0], high[0]]))
     rows = slice(*np.searchsorted(grid.y, [low[1], high[1]]))
     gx, gy = np.meshgrid(grid.x[columns], grid.y[rows])
-    inside = shapely.contains_xy(shape, gx, gy)
-    return float(grid.height[rows, columns][inside].min(initial=np.inf))
+    inside = shapely.contains_xy(shapely.Polygon(points), gx, gy)
+    return np.asarray(grid.height[rows, columns][inside])
 
 
 def _close(state: _Tracing, grid: TipGrid, end: _End, spacing: float) -> None:
-    """Last loops of a pocket: at its full depth, or just above the bottom of a dome.
+    """Last loops of a pocket: at its full depth, or just above the bottom of a dome or the noise of a floor.
 
     No loop when none is long enough above the last level but one, which then is the lowest.
     """
     shortest = tip_loops.FEWEST_POINTS * spacing
     top = state.nodes[end.above].level if end.above >= 0 and state.nodes[end.above].real else 0.0
     around = shapely.Polygon(end.around)
-    for share in BOTTOM_SHARES:
-        level = end.lowest + share * (top - end.lowest)
-        if not np.isfinite(level):
-            break
+
+    def at(level: float) -> tuple[list[tuple[Array, bool]], list[Array]]:
+        """All loops of the pocket at a level, and the borders long enough to be formed."""
         inside = [
             (points, island)
             for points, island in _slice(grid, level)
             if within(points, around) or (not island and within(end.around, shapely.Polygon(points)))
         ]
-        pockets = [p for p, island in inside if not island and tip_loops.perimeter(p) >= shortest]
+        return inside, [p for p, island in inside if not island and tip_loops.perimeter(p) >= shortest]
+
+    noise: list[Array] = []
+    for share in BOTTOM_SHARES:
+        level = end.lowest + share * (top - end.lowest) if end.noisy is None else end.noisy
+        if not np.isfinite(level):
+            break
+        inside, pockets = at(level)
+        if found := _noise(grid, inside, level, state.radius):
+            noise, crossed = found, level
+            while _slight(grid, inside, level, state.radius) and level + NOISE_STEP < min(top, crossed + 2 * NOISE):
+                level += NOISE_STEP
+                inside, pockets = at(level)
         if not pockets:
             continue
         shapes = [shapely.Polygon(points) for points in pockets]
@@ -321,4 +428,6 @@ def _close(state: _Tracing, grid: TipGrid, end: _End, spacing: float) -> None:
         level = top
     if level > end.lowest:
         raised = f"the last contour runs {(level - end.lowest) * 1e3:.3f} mm above the deepest point"
-        state.warnings.append(f"the bottom has no floor: {raised}")
+        state.warnings.append(
+            f"{_of_noise(noise, crossed)}; {raised}" if noise else f"the bottom has no floor: {raised}"
+        )

@@ -130,7 +130,7 @@ def make_contours(part: TpifPart, job_file: JobFile, plan_id: str) -> tuple[Cont
         made = contour_of(seen, job, plan_id, k, len(paths))
         apart = bool(contours) and contours[-1].feature != number
         contours.append(replace(made, retract=apart, holder_height=holder))
-    check_tool(tuple(contours), job, load_die(job_file))
+    check_tool(tuple(contours), job, load_die(job_file), part.side.surface)
     return tuple(contour_making.with_speed(contours, [path.joins for path, _ in paths], job.path.acceleration))
 
 

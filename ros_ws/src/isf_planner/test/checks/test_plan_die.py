@@ -79,9 +79,11 @@ def test_a_die_one_millimetre_off_is_refused(move: tuple[float, ...], tmp_path: 
 def test_no_room_between_tool_and_die(move: tuple[float, ...], made: Plan) -> None:
     """The second check alone, on the planned contours: the sheet would be squeezed between tool and die."""
     points = die_checks.load_die(JOB)
-    die_checks.check_tool(made.contours, JOB.job, points)
+    assert made.base is not None
+    surface = made.base.sides[0].surface
+    die_checks.check_tool(made.contours, JOB.job, points, surface)
     with pytest.raises(IsfError) as caught:
-        die_checks.check_tool(made.contours, JOB.job, points + 1e-3 * np.array(move))
+        die_checks.check_tool(made.contours, JOB.job, points + 1e-3 * np.array(move), surface)
     assert caught.value.code is ErrorCode.DIE_COLLISION
     assert caught.value.where.startswith("contour ")
     assert "x = " in caught.value.where
@@ -127,3 +129,52 @@ def test_a_part_is_told_to_be_moved_as_it_was(tmp_path: Path) -> None:
     moved = [warning for warning in plan(JobFile(text, tmp_path)).warnings if "was moved" in warning]
     assert len(moved) == 1
     assert moved[0].startswith("the part was moved by (-3.000, 2.000, -7.000) mm")
+
+
+FOOT = 6e-3
+"""m, radius of the tool and of the fillet at the foot of the frustum."""
+
+
+def frustum(folder: Path) -> JobFile:
+    """A round frustum 8 mm high with walls of 42 deg, its foot rounded by the tool's radius, and a die that is exactly
+    its lower face: the upper one less 1 mm."""
+    wall, top, height = np.radians(42.0), 8e-3, 8e-3
+    bend = np.linspace(0.0, wall, 30)
+    run = (height - (top + FOOT) * (1.0 - np.cos(wall))) / np.tan(wall)
+    far = 20e-3 + (top + FOOT) * np.sin(wall) + run
+    radius = np.concatenate([20e-3 + top * np.sin(bend), far - FOOT * np.sin(bend[::-1])])
+    z = np.concatenate([height - top * (1.0 - np.cos(bend)), FOOT * (1.0 - np.cos(bend[::-1]))])
+    side = np.arange(-50e-3, 50.1e-3, 0.5e-3)
+    gx, gy = np.meshgrid(side, side)
+    part = grid_mesh(side, side, np.interp(np.hypot(gx, gy), radius, z))
+    write(part, folder / "part.ply")
+    write(part.moved(np.array([0.0, 0.0, -height - 1e-3])), folder / "die.stl")
+    text = JOB.text.replace("../parts/tpif_cone.stl", "part.ply").replace("../parts/tpif_cone_die.stl", "die.stl")
+    return JobFile(
+        text.replace("radius: 5 mm", "radius: 6 mm").replace("incremental_depth: 0.5", "incremental_depth: 1"), folder
+    )
+
+
+def test_a_ball_that_meets_wall_and_flange_at_once(tmp_path: Path) -> None:
+    """In a foot of its own radius the ball lies on wall and flange: 0.74 mm of sheet on the one, 1 mm on the other."""
+    job_file = frustum(tmp_path)
+    made = plan(job_file)
+    assert made.largest_wall_angle == pytest.approx(np.radians(42.0), abs=np.radians(1.5))
+    assert made.base is not None
+    surface, points = made.base.sides[0].surface, die_checks.load_die(job_file)
+    die_checks.check_tool(made.contours, job_file.job, points, surface)
+
+    def refused(die: np.ndarray) -> str:
+        with pytest.raises(IsfError) as caught:
+            die_checks.check_tool(made.contours, job_file.job, die, surface)
+        assert caught.value.code is ErrorCode.DIE_COLLISION
+        return caught.value.what
+
+    far = np.hypot(*points[:, :2].T)
+    flange, wall = far > 34.0e-3, (far > 26e-3) & (far < 29e-3)
+    # 0.2 mm too high under the flange, where 0.9 mm of the blank have to be left
+    assert "0.80 mm are left between tool and die for a sheet of 1.00 mm" in refused(
+        points + np.outer(flange, [0, 0, 0.2e-3])
+    )
+    # and under the wall, where 0.67 mm of 0.74 mm have to be
+    assert "for a sheet of 0.7" in refused(points + np.outer(wall, [0, 0, 0.25e-3]))

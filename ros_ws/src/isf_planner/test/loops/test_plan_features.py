@@ -93,3 +93,44 @@ def test_a_pocket_shallower_than_the_first_level_is_not_forgotten(tmp_path: Path
     assert sorted(len(feature.loops) for feature in tree.features) == [1, 6]
     (single,) = (feature for feature in tree.features if len(feature.loops) == 1)
     assert tree.loops[single.loops[0]].level == pytest.approx(-0.6e-3, abs=5e-6)
+
+
+def tub(noise: float = 0.0) -> np.ndarray:
+    """A round pocket 6 mm deep, its floor 32 mm wide, with ``noise`` m (standard deviation) on all that is formed."""
+    z = bowl(0.0, 0.0, 40e-3, 6e-3)
+    return np.where(z < 0.0, z + np.random.default_rng(3).normal(0.0, noise, z.shape), 0.0)
+
+
+def about_noise(made: Plan) -> list[str]:
+    return [warning for warning in made.warnings if "noise of the surface" in warning]
+
+
+@pytest.mark.parametrize("depth", ["0.5 mm", "0.7 mm"])  # a level on the floor, and none near it
+def test_noise_of_a_floor_makes_no_loops(depth: str, tmp_path: Path) -> None:
+    """With 14 um of noise a level on the floor cuts it into dozens of islands and pockets, none of them the part's."""
+    made = planned(tub(14e-6), tmp_path, depth=depth)
+    clean = planned(tub(), tmp_path, depth=depth)
+    assert not about_noise(clean)
+    assert len(made.contours) in {len(clean.contours) - 1, len(clean.contours)}
+    assert len(tree_of(made).features) == 1
+    lowest = made.contours[-1].forming_tip[:, 2].max()
+    assert -6.0e-3 < lowest < -5.8e-3  # just above the noise
+    assert made.contours[-1].length > 0.07  # around all of the floor
+    (told,) = about_noise(made)
+    assert "smooth or remesh the part" in told
+    assert "x = " in told
+
+
+@pytest.mark.parametrize("rise", [0.1e-3, -0.12e-3])
+@pytest.mark.parametrize("below", [0.0, 0.03e-3])  # how far the floor is below the level before the last
+def test_marks_of_a_tenth_of_a_millimetre_stay(rise: float, below: float, tmp_path: Path) -> None:
+    """Six narrow marks on a floor, raised or sunk; noise is less deep, or in one pocket together."""
+    z = tub() * (1.0 + below / 6e-3)
+    for k in range(6):
+        x, y = 11e-3 * np.cos(k * np.pi / 3), 11e-3 * np.sin(k * np.pi / 3)
+        z = z - np.sign(rise) * bowl(x, y, 4.5e-3, abs(rise))
+    made = planned(z, tmp_path, depth="1 mm", spacing="0.8 mm")
+    assert not about_noise(made)
+    marks = [loop for loop in tree_of(made).loops if np.ptp(loop.points, axis=0).max() < 15e-3]
+    assert len(marks) >= 6
+    check_nesting(tree_of(made))
