@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import MISSING, dataclass
 from dataclasses import fields as dataclass_fields
@@ -22,12 +23,13 @@ from isf_core.files import yaml_file
 from isf_core.files.job import Job
 from isf_core.files.rig import load_rig
 from isf_core.files.yaml_file import find_shipped
+from isf_core.geometry.height_map import HeightMap
 from isf_core.thinned_sheet import ThinnedSheet
 from isf_core.types import Array
 from isf_ros import fields
 from rosbags.interfaces import Connection
 
-from isf_analysis.bag import sheet_health, topics
+from isf_analysis.bag import gaps, sheet_health, topics
 from isf_analysis.bag.open_bag import RECORD_WITH, OpenBag, open_bag, unreadable
 from isf_analysis.bag.sheet_health import KINETIC
 from isf_analysis.bag.topics import Topic
@@ -88,6 +90,7 @@ class PartSpan:
     dropped : (after, before) ns since 1970: what was formed beyond the checkpoint with which the part went on
     went_on : contours with which it did
     until : ns since 1970, messages received from then on are of another part
+    copies : how often the bag holds what was recorded of it; the last one counts
     """
 
     plan_id: str
@@ -97,6 +100,7 @@ class PartSpan:
     dropped: tuple[tuple[int, int], ...] = ()
     went_on: tuple[int, ...] = ()
     until: float = math.inf
+    copies: int = 1
 
     def holds(self, time: int) -> bool:
         """True for a message received at ``time`` (ns since 1970)."""
@@ -146,9 +150,36 @@ def _last_span(messages: _Messages) -> PartSpan:
         went_on.append(int(resumed.first_index))
         first -= 1
     begun = jobs[first][0]
+    if not went_on and (copies := _copied(messages, job)):
+        return PartSpan(job.plan_id, copies[-1], copies[-1], copies[-1], until=until, copies=1 + len(copies))
     # a recorder that joined late may get the latched contour before the latched job; of a single part all is wanted
     start = begun if first > 0 else 0
     return PartSpan(job.plan_id, start, announced, begun, tuple(dropped), tuple(went_on), until)
+
+
+def _copied(messages: _Messages, job: Any) -> list[int]:
+    """Receive times (ns) of the announcements of ``job`` with which the bag holds the same recording once more: the
+    same results, which are not latched, were received before and after it."""
+    stamp = _stamp(job)
+    if not any(stamp):  # made by write_bag
+        return []
+    told = list(messages.of(topics.JOB))
+    again = [time for time, other in told if (_stamp(other), other.plan_id) == (stamp, job.plan_id)][1:]
+    results = [(time, _result_key(item)) for time, item in messages.of(topics.RESULT) if item.plan_id == job.plan_id]
+
+    def both_sides(begin: int) -> bool:
+        before, after = ({key for time, key in results if (time < begin) is side} for side in (True, False))
+        return bool(before & after)
+
+    return [begin for begin in again if both_sides(begin)]
+
+
+def _stamp(message: Any) -> tuple[int, int]:
+    return message.header.stamp.sec, message.header.stamp.nanosec
+
+
+def _result_key(result: Any) -> tuple[int, int, int]:
+    return (result.index, *_stamp(result))
 
 
 def _is_rest(job: Any, plans: Collection[str]) -> bool:
@@ -160,9 +191,8 @@ def _first_heard(received: Iterable[tuple[int, Any]]) -> Iterator[tuple[int, Any
     """Without the latched messages that the recorder of a part that goes on in the same cell received once more."""
     seen = set()
     for time, message in received:
-        stamp = message.header.stamp
         names = (getattr(message, name, None) for name in ("plan_id", "index", "first_index"))
-        key = (stamp.sec, stamp.nanosec, *names)
+        key = (*_stamp(message), *names)
         if key not in seen or not any(key[:2]):  # a bag that was made by write_bag has none
             seen.add(key)
             yield time, message
@@ -195,7 +225,6 @@ def _part_and_rests(bag: OpenBag, namespace: str | None) -> tuple[PartRecord, tu
 
 
 def _read_part(messages: _Messages, span: PartSpan, path: Path) -> PartRecord:
-    start = span.begun
     job = [job for time, job in messages.of(topics.JOB) if (time, job.plan_id) == (span.announced, span.plan_id)][-1]
     part = _Part(messages, span)
     notes = messages.missing_fields()
@@ -205,23 +234,29 @@ def _read_part(messages: _Messages, span: PartSpan, path: Path) -> PartRecord:
     results = part.by_index(topics.RESULT, fields.result_of)
     if not nominal and not results:
         raise _incomplete(path, f"holds the job '{job.job_name}', but no contour: nothing was formed")
+    received = part.received()
+    jumps, news = gaps.jumps_back(received), received[-1][1]
+    # a scan that was received before is of another part, unless the clock was set back meanwhile
+    start = min(time for _, time in received) if jumps else span.begun
     # the target is latched when the part is planned, before the job is announced; the scan comes after it
     target_message = _last(item for item in messages.of(topics.TARGET) if item[0] < span.until)
     target, preforms = (None, ()) if target_message is None else fields.target_of(target_message[1])
     scans = [item for item in messages.of(topics.SCAN) if item[0] >= start and span.holds(item[0])]
     formed = max((result.end for result in results), default=math.inf)
-    final = scan_cloud.final_scans(scans, formed, part.unfinished_since(results), part.last_news())
+    final = scan_cloud.final_scans(scans, formed, part.unfinished_since(results), news)
     last = final[-1:]
+    scan, scan_notes = _scan(last, target)
     missing = ([] if target else [topics.TARGET.name]) + ([] if last else [_no_scan(len(scans))])
-    missing += _gaps(nominal, results)
+    missing += gaps.contours_missing(nominal, corrected, corrections, results)
+    if any(_stamp(job)):  # by the nodes of a cell: a run in one process has no streams
+        missing += [topic.name for topic in gaps.needed_streams(nominal) if not messages.heard(topic, span)]
+    end = scans[-1][0] if last else part.last_result()
     told = [item for item in messages.of(topics.FORMED_SHEET) if item[0] >= start and span.holds(item[0])]
     formed_sheet, sheet_notes = _formed_sheet(
-        scan_cloud.final_scans(told, formed, part.unfinished_since(results), part.last_news())
+        scan_cloud.final_scans(told, formed, part.unfinished_since(results), news)
     )
     told = [item for item in messages.of(topics.RELEASED_PART) if item[0] >= start and span.holds(item[0])]
-    released, released_notes = _released(
-        scan_cloud.final_scans(told, formed, part.unfinished_since(results), part.last_news())
-    )
+    released, released_notes = _released(scan_cloud.final_scans(told, formed, part.unfinished_since(results), news))
     before, after = messages.states(span)
     return PartRecord(
         job_name=job.job_name,
@@ -241,17 +276,20 @@ def _read_part(messages: _Messages, span: PartSpan, path: Path) -> PartRecord:
         results=results,
         target=target,
         preforms=preforms,
-        scan=scan_cloud.height_map_of(last[0], target) if last else None,
+        scan=scan,
         ticks=_counted(before, after, "tick"),
         late_ticks=_counted(before, after, "late_ticks") + sum(result.late_ticks for result in results),
         lost_messages=_counted(before, after, "targets_lost") + sum(result.lost_messages for result in results),
         sim_time=_process_time(before, after, results) - (0.0 if job.lockstep else _passed(span) / NANO),
-        wall_time=(_end_time(messages, scans if last else [], span) - start - _passed(span)) / NANO,
+        wall_time=(end - span.begun - _passed(span, end) + sum(back for _, back in jumps)) / NANO,
         faults=_faults(after),
         notes=(
             *messages.bag.notes,
             *notes,
             *_of_version(job.software),
+            *part.copied(),
+            *_jumped(jumps),
+            *scan_notes,
             *sheet_notes,
             *released_notes,
             *(f"not in the bag: {what}" for what in missing),
@@ -277,33 +315,63 @@ class _Part:
 
     def by_index(self, topic: Topic, convert: Callable[[Any], Item]) -> tuple[Item, ...]:
         """Items in the order of their contours; of an index that came twice the last counts."""
-        found = {
-            message.index: convert(message)
-            for time, message in self.messages.of(topic)
-            if message.plan_id == self.span.plan_id and self.span.holds(time)
-        }
+        found = {message.index: convert(message) for _, message in self._own(topic)}
         return tuple(found[index] for index in sorted(found))
 
     def unfinished_since(self, results: tuple[ContourResult, ...]) -> int:
         """Receive time (ns since 1970) of the first contour after the last of the ``results``; 0 when there is none."""
         last = max((result.index for result in results), default=-1)
-        times = [
-            time
-            for time, item in self.messages.of(topics.NOMINAL)
-            if item.plan_id == self.span.plan_id and self.span.holds(time) and item.index > last
-        ]
-        return min(times, default=0)
+        return min((time for time, item in self._own(topics.NOMINAL) if item.index > last), default=0)
 
-    def last_news(self) -> int:
-        """Receive time (ns since 1970) of the last contour or result; 0 when there is none."""
-        news = (item for topic in (topics.NOMINAL, topics.RESULT) for item in self.messages.of(topic))
-        span = self.span
-        return max((time for time, item in news if item.plan_id == span.plan_id and span.holds(time)), default=0)
+    def received(self) -> list[tuple[str, int]]:
+        """(where, receive time in ns since 1970) of job, contours and results, in the order in which they were sent."""
+        times: dict[str, dict[int, int]] = {
+            topic.name: {item.index: time for time, item in self._own(topic)}
+            for topic in (topics.NOMINAL, topics.RESULT)
+        }
+        begun, ended = times[topics.NOMINAL.name], times[topics.RESULT.name]
+        found = [("the job", self.span.begun)]
+        for index in sorted({*begun, *ended}):
+            label = contour_label(index)
+            # a contour is latched: one that came after its result was received once more
+            if index in begun and begun[index] <= ended.get(index, math.inf):
+                found.append((f"the beginning of {label}", begun[index]))
+            if index in ended:
+                found.append((f"the result of {label}", ended[index]))
+        return found
+
+    def last_result(self) -> int:
+        """Receive time (ns since 1970) of the result of the last contour; of the job when there is none."""
+        ended = {item.index: time for time, item in self._own(topics.RESULT)}
+        return ended[max(ended)] if ended else self.span.begun
+
+    def copied(self) -> tuple[str, ...]:
+        """A note where the bag holds the same recording of the part more than once."""
+        keys = [_result_key(item) for _, item in self._own(topics.RESULT) if any(_stamp(item))]
+        times = max(self.span.copies, *Counter(keys).values(), 1)
+        return (f"the bag holds this recording of the part {times} times: the last one is read",) if times > 1 else ()
+
+    def _own(self, topic: Topic) -> Iterator[tuple[int, Any]]:
+        """(receive time in ns, message) of a contour of this part."""
+        for time, item in self.messages.of(topic):
+            if item.plan_id == self.span.plan_id and self.span.holds(time):
+                yield time, item
 
 
-def _passed(span: PartSpan) -> int:
-    """ns of what does not belong to the part, the time in which nobody formed it included."""
-    return sum(end - begin for begin, end in span.dropped)
+def _passed(span: PartSpan, until: float = math.inf) -> int:
+    """ns up to ``until`` of what does not belong to the part, the time in which nobody formed it included."""
+    return sum(int(min(end, until)) - int(min(begin, until)) for begin, end in span.dropped)
+
+
+def _jumped(jumps: list[tuple[str, int]]) -> tuple[str, ...]:
+    """A note on times of receipt that jump back."""
+    if not jumps:
+        return ()
+    told = ", ".join(f"{back / NANO:.1f} s or more after {where}" for where, back in jumps)
+    return (
+        f"the times of receipt jump back by {told} (a clock that was set, or bags put together): the wall time leaves "
+        "that out, and is too small by what passed meanwhile",
+    )
 
 
 def _between(scans: list[tuple[int, Any]], results: tuple[ContourResult, ...]) -> tuple[ContourScan, ...]:
@@ -315,6 +383,17 @@ def _between(scans: list[tuple[int, Any]], results: tuple[ContourResult, ...]) -
         if formed:
             found[formed[-1]] = kept_scan(formed[-1], time, scan_cloud.points_of(message))
     return tuple(found[index] for index in sorted(found))
+
+
+def _scan(last: list[Any], target: HeightMap | None) -> tuple[HeightMap | None, tuple[str, ...]]:
+    """The shape by the ``last`` of the scans of the finished part, if any, and why it is left out if so."""
+    if not last:
+        return None, ()
+    try:
+        return scan_cloud.height_map_of(last[0], target), ()
+    except IsfError as error:
+        code = f"{error.code.value} {error.code.name}"
+        return None, (f"the scan of the finished part is left out: {error.what} ({code}; {error.advice})",)
 
 
 def _formed_sheet(told: list[Any]) -> tuple[ThinnedSheet | None, tuple[str, ...]]:
@@ -349,19 +428,6 @@ def _no_scan(between: int) -> str:
     return f"{topics.SCAN.name}{words}"
 
 
-def _gaps(nominal: tuple[Contour, ...], results: tuple[ContourResult, ...]) -> list[str]:
-    """What is missing between the first and the last recorded contour."""
-    planned = {contour.index for contour in nominal}
-    reported = {result.index for result in results}
-    last = max(planned | reported)
-    gaps = []
-    for name, indices in ((topics.NOMINAL.name, planned), (topics.RESULT.name, reported)):
-        lost = sorted(set(range(last)) - indices)
-        if lost:
-            gaps.append(f"{name} of {len(lost)} contour(s), first {contour_label(lost[0])}")
-    return gaps
-
-
 def _sheet(job: Any, kinetic: float | None) -> dict[str, object]:
     """Model of the simulated sheet, and its kinetic energy where it was told; empty for a real machine and for bags
     that do not name it yet."""
@@ -380,13 +446,6 @@ def _process_time(before: Any, after: Any, results: tuple[ContourResult, ...]) -
         first, last = before.header.stamp, after.header.stamp
         return float((last.sec - first.sec) + (last.nanosec - first.nanosec) / NANO)
     return results[-1].end - results[0].start if results else 0.0
-
-
-def _end_time(messages: _Messages, scans: list[tuple[int, Any]], span: PartSpan) -> int:
-    """ns since 1970 of the last scan, or of the last result when there is none."""
-    if scans:
-        return scans[-1][0]
-    return max((time for time, _ in messages.of(topics.RESULT) if time < span.until), default=span.begun)
 
 
 def _faults(state: Any) -> tuple[tuple[int, str], ...]:
@@ -440,6 +499,12 @@ class _Messages:
         if topic.name not in self._read:
             self._read[topic.name] = list(self._load(topic))
         return iter(self._read[topic.name])
+
+    def heard(self, topic: Topic, span: PartSpan) -> bool:
+        """True when anything was received on ``topic`` during the part; no message is looked into."""
+        return any(
+            span.holds(time) for block in self.bag.blocks(self._connections(topic)) for time in block.times.tolist()
+        )
 
     def states(self, span: PartSpan) -> tuple[Any, Any]:
         """State of the machine when the part began, and its last one; both None when there is none.

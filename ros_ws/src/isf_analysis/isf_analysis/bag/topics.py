@@ -46,12 +46,14 @@ ARMED = Topic("force_ctrl/armed", "isf_msgs/msg/ForceCtrlArmed", "LATCHED")
 MACHINE_STATE = Topic("machine/state", "isf_msgs/msg/MachineState", "STREAM")
 DIAGNOSTICS = Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", "DEFAULT")
 
+WRENCHES = tuple(Topic(f"tool_{k}/wrench", "geometry_msgs/msg/WrenchStamped", "STREAM") for k in (1, 2))
+POSES = tuple(Topic(f"tool_{k}/pose", "geometry_msgs/msg/PoseStamped", "SENSOR") for k in (1, 2))
+
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 """Type of topics on which each of several nodes tells its own frames."""
 
 CELL = (
-    Topic("tool_1/wrench", "geometry_msgs/msg/WrenchStamped", "STREAM"),
-    Topic("tool_2/wrench", "geometry_msgs/msg/WrenchStamped", "STREAM"),
+    *WRENCHES,
     Topic("tool_1/raw", "geometry_msgs/msg/WrenchStamped", "SENSOR"),
     Topic("tool_2/raw", "geometry_msgs/msg/WrenchStamped", "SENSOR"),
     Topic("tool_1/raw_cells", "sensor_msgs/msg/JointState", "SENSOR"),
@@ -62,8 +64,7 @@ CELL = (
     Topic("tool_2/target_twist", "geometry_msgs/msg/TwistStamped", "STREAM"),
     Topic("tool_1/joint_trajectory", "trajectory_msgs/msg/JointTrajectory", "STREAM"),
     Topic("tool_2/joint_trajectory", "trajectory_msgs/msg/JointTrajectory", "STREAM"),
-    Topic("tool_1/pose", "geometry_msgs/msg/PoseStamped", "SENSOR"),
-    Topic("tool_2/pose", "geometry_msgs/msg/PoseStamped", "SENSOR"),
+    *POSES,
     Topic("machine/joint_commands", "sensor_msgs/msg/JointState", "STREAM"),
     Topic("machine/joint_states", "sensor_msgs/msg/JointState", "STREAM"),
     Topic("machine/legs", "sensor_msgs/msg/JointState", "SENSOR"),

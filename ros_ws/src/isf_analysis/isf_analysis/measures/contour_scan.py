@@ -19,7 +19,7 @@ from scipy import ndimage
 
 from isf_analysis.measures.deviation import flange_level, regions_of
 from isf_analysis.measures.remarks import spans
-from isf_analysis.measures.scan_cloud import filled, on_cells
+from isf_analysis.measures.scan_cloud import filled, on_cells, sized
 
 QUANTUM = np.array([1e-5, 1e-5, 1e-6])
 """m, resolution of what is kept."""
@@ -32,9 +32,6 @@ FARTHEST = (1 << 30) - 1
 
 ROW = 100
 """Quanta in plan of a row: 1 mm, the spacing of the points of a scanner."""
-
-SIZES = (0.2, 5.0)
-"""Extent of a scan in plan over that of the target, outside of which its unit is wrong."""
 
 BORDER = 12e-3
 """m beside the clamp, where the sheet is not formed: the scan is levelled on it."""
@@ -121,7 +118,7 @@ def scan_errors(
     found = []
     for scan in scans:
         contour = known.get(scan.index)
-        if contour is None or not _sized(scan, target):
+        if contour is None or not sized(scan.points(), target):
             continue
         end = shapes.end(contour.stage)
         if id(end) not in openings:
@@ -168,7 +165,7 @@ def left_out(
             reason = "not one finite point"
         elif scan.index not in known:
             reason = "of a contour that was not recorded"
-        elif not _sized(scan, target):
+        elif not sized(scan.points(), target):
             reason = "of another size than the part by more than a factor of 5: wrong unit?"
         else:
             reason = "no point on what was formed"
@@ -178,15 +175,6 @@ def left_out(
         f"(after contour {spans(found)})"
         for reason, found in why.items()
     )
-
-
-def _sized(scan: ContourScan, target: HeightMap) -> bool:
-    """False for a scan without points or of a wrong unit."""
-    if scan.count == 0:
-        return False
-    extent = float(np.ptp(scan.points()[:, :2], axis=0).max())
-    wanted = max(float(np.ptp(target.x)), float(np.ptp(target.y)))
-    return SIZES[0] * wanted <= extent <= SIZES[1] * wanted
 
 
 def levelled(points: Array, target: HeightMap) -> Array:

@@ -48,7 +48,7 @@ class RegionError:
 
     Attributes
     ----------
-    cells : number of measured cells ; coverage : measured fraction of the region's cells
+    cells : number of measured cells ; coverage : measured fraction of the region's cells in which the target is known
     max_abs, mean_abs, rms : of the vertical deviation e ; mean : signed mean of e
     worst : (x, y, e) m, the place of the largest |e|
     max_abs_normal, mean_abs_normal : of e cos(slope of the target), the distance along the surface normal
@@ -149,7 +149,8 @@ def compare(measured: HeightMap, target: HeightMap, *, rim_width: float = RIM_WI
     slope_x, slope_y = target.gradient()
     to_normal = 1.0 / np.sqrt(1.0 + slope_x**2 + slope_y**2)
     error_map = HeightMap(target.x, target.y, error)
-    regions = {name: _numbers(error_map, to_normal, mask) for name, mask in masks.items()}
+    wanted = np.isfinite(target.z)  # an opening without its holes: of those nothing can be measured
+    regions = {name: _numbers(error_map, to_normal, mask & wanted) for name, mask in masks.items()}
     signed = {name: signed_statistics((error * to_normal)[mask]) for name, mask in masks.items()}
     return Deviation(error_map, masks, regions, signed)
 

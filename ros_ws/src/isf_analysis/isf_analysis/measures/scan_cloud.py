@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -17,11 +18,17 @@ from isf_ros import fields
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from isf_analysis.measures.deviation import regions_of
+
 SCAN_TOLERANCE = 1e-6
 """s by which the stamp of a scan may lie before the end of the contour it was made after: rounding of stamps."""
 
 REACH = 2
 """Cells next to measured ones that are filled from them, so that sparse points leave no holes."""
+
+SIZES = (0.2, 5.0)
+"""Extent of a scan in plan over that of the part, and over that of the whole sheet, below and beyond which its unit is
+wrong: the limits of springback correction."""
 
 
 def final_scans(scans: Sequence[tuple[int, Any]], formed: float, begun: int = 0, ended: int = 0) -> list[Any]:
@@ -58,19 +65,54 @@ def height_map_of(message: Any, target: HeightMap | None) -> HeightMap:
 
     Raises
     ------
-    IsfError : BAG_INCOMPLETE when the cloud is not of points, or is unordered and there is no target
+    IsfError : SCAN_NOT_FINITE when no point of it is known; SCAN_UNIT_SUSPECT; BAG_INCOMPLETE when the cloud is not of
+        points, or is unordered and there is no target, or none of its points lies on that
     """
+    points = points_of(message)
+    if not len(points):
+        raise IsfError(
+            ErrorCode.SCAN_NOT_FINITE,
+            f"of its {message.width * message.height} points none is finite",
+            where="scan",
+            advice="check the scanner; glossy sheet may need a matt spray",
+        )
+    if target is not None and not sized(points, target):
+        extent, sheet = _extent(points), (np.ptp(target.x), np.ptp(target.y))
+        raise IsfError(
+            ErrorCode.SCAN_UNIT_SUSPECT,
+            f"its points span {extent[0]:.4g} x {extent[1]:.4g} m, the sheet {sheet[0]:.4g} x {sheet[1]:.4g} m",
+            where="scan",
+            advice="coordinates must be in metres",
+        )
     try:
         return fields.height_map_of(message)
     except ValueError:
         pass
-    points = points_of(message)
     if target is None:
         raise _unusable("the scan is not on a grid, and there is no target whose grid could be used")
     found = on_cells(points, target)
     if found is None:
         raise _unusable("no point of the scan lies on the target's grid")
     return HeightMap(target.x, target.y, target.z + filled(found.z - target.z))
+
+
+def sized(points: Array, target: HeightMap) -> bool:
+    """False where ``points`` (P, 3) m, all finite, are none, or of another size than the part in ``target``: their unit
+    is wrong."""
+    if not len(points):
+        return False
+    extent, part = float(_extent(points).max()), 0.0
+    sheet = max(float(np.ptp(target.x)), float(np.ptp(target.y)))
+    with suppress(IsfError):  # a flat target is told where the two are compared
+        opening = regions_of(target)["wall_and_base"]
+        part = max(float(np.ptp(target.x[opening.any(axis=0)])), float(np.ptp(target.y[opening.any(axis=1)])))
+    return SIZES[0] * part <= extent <= SIZES[1] * sheet
+
+
+def _extent(points: Array) -> Array:
+    """(2,) m in plan, but for a few outliers."""
+    low, high = np.percentile(points[:, :2], (2, 98), axis=0)
+    return np.asarray(high - low)
 
 
 def on_cells(points: Array, target: HeightMap) -> HeightMap | None:

@@ -1,7 +1,7 @@
 """Whether a part is good, and what it falls short of: the one judgement of report, terminal and scripts.
 
-A part is good when it is complete, its shape was measured and is in the tolerance of its job, the support tool (where
-there is one) kept the sheet, nothing happened that harms sheet or control, the machine bears the force, the
+A part is good when it is complete, enough of its shape was measured and is in the tolerance of its job, the support
+tool (where there is one) kept the sheet, nothing happened that harms sheet or control, the machine bears the force, the
 correction failed nowhere, and a simulated sheet was formed without inertia. A force out of its band is a remark: it
 counts the noise of the load cell too. The tolerance of a job that names none is the accuracy published for closed-loop
 parts: 90 % of the points within 0.3 mm (Lu 2016, section 4.4).
@@ -25,6 +25,13 @@ CONTROLLED_CONTACT = 0.99
 
 POSITIONED_CONTACT = 0.95
 """Share of the path on which it must do so under position control (assumed)."""
+
+MEASURED = 0.9
+"""Share of the part, of its wall and of its base that must be measured before a part is called good (assumed): below it
+springback correction remarks on its scans, too. What was not measured may lie anywhere."""
+
+MEASURED_REGIONS = {"wall_and_base": "wall and base", "wall": "the wall", "base": "the base"}
+"""Regions of which that share must be measured, for people; a part may have no wall, or no base."""
 
 MAXIMUM_REMARKS = 3
 """Remarks of the correction that are told; all are in the table of the report."""
@@ -63,18 +70,33 @@ def _shape(numbers: Numbers) -> list[str]:
     within = deviation["regions"]["wall_and_base"]["within_tolerance_fraction"]
     if within is None:
         return ["no point of the part was measured", *failed]
-    if in_tolerance(numbers):
-        return failed
+    unseen = _unseen(deviation)
+    if within >= numbers["tolerance"]["share"]:
+        return [*unseen, *failed]
     shape, share = numbers["tolerance"]["shape_mm"], numbers["tolerance"]["share"]
     reported = f"{in_percent(within, 1):g} % of the points are within {shape:g} mm, {100 * share:g} % are wanted"
     out = f"error out of tolerance: {reported}; largest {deviation['max_mm']:.2f} mm"
-    told = [out, *_floor(numbers)]
+    told = [out, *unseen, *_floor(numbers)]
     if numbers["correction"] in ("", "none"):
         return [*told, "springback was not corrected"]
     return [
         *told,
         *(f"{NOT if item['failed'] else 'correction'}: {item['text']}" for item in remarks[:MAXIMUM_REMARKS]),
     ]
+
+
+def _unseen(deviation: Numbers) -> list[str]:
+    """That too little of the part was measured to call it good, with the shares of the regions that fall short."""
+    known = {words: deviation["regions"][name]["coverage"] for name, words in MEASURED_REGIONS.items()}
+    short = [
+        f"{in_percent(share, 1):g} % of {words}"
+        for words, share in known.items()
+        if share is not None and share < MEASURED
+    ]
+    if not short:
+        return []
+    wanted = f"{100 * MEASURED:g} % of each region are wanted"
+    return [f"not enough measured to call it good: the scan shows {', '.join(short)}; {wanted}"]
 
 
 def _floor(numbers: Numbers) -> list[str]:
@@ -96,10 +118,10 @@ def _floor(numbers: Numbers) -> list[str]:
 
 
 def in_tolerance(numbers: Numbers) -> bool:
-    """Whether the shape was measured and keeps the tolerance of the job."""
+    """Whether enough of the shape was measured, and that keeps the tolerance of the job."""
     deviation = numbers["deviation"]
     within = deviation and deviation["regions"]["wall_and_base"]["within_tolerance_fraction"]
-    return within is not None and within >= numbers["tolerance"]["share"]
+    return within is not None and within >= numbers["tolerance"]["share"] and not _unseen(deviation)
 
 
 def force_remarks(force: Numbers | None) -> list[str]:

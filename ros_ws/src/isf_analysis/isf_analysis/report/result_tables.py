@@ -57,7 +57,7 @@ def banners(numbers: Numbers, has_reference: bool) -> str:
         title = "Record not complete" if _of_record(failure["code"]) else "Part not complete"
         parts = [banner("bad", title, text)]
     if numbers["deviation"] is None:
-        parts.append(banner("warn", "No shape to compare", "The record holds no scan or no target."))
+        parts.append(banner("warn", "No shape to compare", "The record holds no scan that can be used, or no target."))
     if numbers["expected_error"]["overconfident"]:
         parts.append(banner("warn", "Worse than expected", _overconfident(numbers["expected_error"])))
     parts += [banner("warn", "Note", f"{note}.") for note in numbers["notes"]]
@@ -130,12 +130,14 @@ def region_table(numbers: Numbers) -> str:
 
 
 def share_table(numbers: Numbers) -> str:
-    """Shares of the points of each region within the tolerance of the job, and within the usual bands."""
+    """Shares of the measured points of each region within the usual bands and the tolerance of the job, and how much
+    of the region was measured."""
     shown = partial(percent, digits=1)
     own = numbers["tolerance"]["shape_mm"]
     keys = {f"within_0_{k}mm_fraction": (f"± 0.{k} mm", shown) for k in (1, 2, 3)}
     keys["within_tolerance_fraction"] = (f"tolerance, ± {own:g} mm", shown)
-    return _by_region("Share of the points within", numbers, lambda region: region, keys)
+    keys["coverage"] = ("measured, of the region", shown)
+    return _by_region("Share of the measured points within", numbers, lambda region: region, keys)
 
 
 def signed_table(numbers: Numbers) -> str:

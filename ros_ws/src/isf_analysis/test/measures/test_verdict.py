@@ -233,3 +233,73 @@ def test_a_part_that_ended_early_is_not_good() -> None:
     numbers = summary(make_part(spacing=2.5e-3, contours=5, stop_after=3))
     assert not numbers["verdict"]["good"]
     assert numbers["verdict"]["short_of"] == [numbers["failure"]["message"]]
+
+
+def seen_in_part(**holes: float) -> PartRecord:
+    """EXACT, of which that share of each region was not measured: the cells farthest along x."""
+    target = EXACT.target
+    assert target is not None
+    z, masks = target.z.copy(), regions_of(target)
+    for region, share in holes.items():
+        rows, columns = np.nonzero(masks[region])
+        order = np.argsort(-target.x[columns], kind="stable")[: round(share * len(rows))]
+        z[rows[order], columns[order]] = np.nan
+    return replace(EXACT, scan=HeightMap(target.x, target.y, z))
+
+
+def test_a_part_that_was_hardly_measured_is_not_good() -> None:
+    """What was seen is exact, all of it."""
+    part = seen_in_part(wall_and_base=0.95)
+    numbers = summary(part)
+    assert numbers["deviation"]["regions"]["wall_and_base"]["within_tolerance_fraction"] == 1.0
+    (text,) = reported(part)
+    assert text.startswith("not enough measured to call it good: the scan shows ")
+    for name, words in (("wall_and_base", "wall and base"), ("wall", "the wall"), ("base", "the base")):
+        share = numbers["deviation"]["regions"][name]["coverage"]
+        assert share < 0.1
+        assert f"{np.floor(1000 * share) / 10:g} % of {words}" in text
+    assert text.endswith("90 % of each region are wanted")
+    page = banners(numbers, has_reference=True)
+    assert f"Part complete, but not good</strong>6 of 6 contours formed. N{text[1:]}" in page
+    assert 'class="card good"><div class="label">Largest error' not in cards(numbers)
+    assert 'class="card good"><div class="label">Largest error' in cards(summary(EXACT))
+
+
+@pytest.mark.parametrize("region", ["wall", "base"])
+def test_wall_and_base_are_judged_each(region: str) -> None:
+    """A base of which nothing was seen, and a wall of which a third was not."""
+    (text,) = reported(seen_in_part(**{region: 1.0 if region == "base" else 0.35}))
+    assert f"% of the {region}" in text
+    assert f"% of the {'base' if region == 'wall' else 'wall'}" not in text
+
+
+def test_the_limit_is_nine_tenths_of_every_region_that_the_part_has() -> None:
+    numbers = summary(EXACT)
+    regions = numbers["deviation"]["regions"]
+    for name in ("wall_and_base", "wall", "base"):
+        for share, good in ((1.0, True), (0.9, True), (0.899, False), (0.0, False), (None, True)):
+            regions[name]["coverage"] = share
+            assert verdict(numbers)["good"] is good, (name, share)
+        regions[name]["coverage"] = 1.0
+
+
+def test_what_was_hardly_measured_and_is_out_of_tolerance_is_told_as_both() -> None:
+    part = seen_in_part(wall_and_base=0.95)
+    assert part.scan is not None
+    texts = reported(replace(part, scan=HeightMap(part.scan.x, part.scan.y, part.scan.z + 1e-3)))
+    assert [text.split(":")[0] for text in texts[:2]] == [
+        "error out of tolerance",
+        "not enough measured to call it good",
+    ]
+
+
+def test_of_holes_in_the_target_nothing_can_be_measured() -> None:
+    target = EXACT.target
+    assert target is not None
+    z = target.z.copy()
+    middle = len(target.y) // 2
+    z[middle - 3 : middle + 4, middle - 3 : middle + 4] = np.nan  # of the base
+    holed = HeightMap(target.x, target.y, z)
+    numbers = summary(replace(EXACT, target=holed, scan=target))
+    assert [numbers["deviation"]["regions"][name]["coverage"] for name in ("wall_and_base", "base")] == [1.0, 1.0]
+    assert numbers["verdict"]["good"]

@@ -21,7 +21,7 @@ from isf_core.files.job import JobFile
 from isf_cell.commands import terminal
 from isf_cell.commands.exit_codes import ReportedError
 from isf_cell.commands.resume import being_formed, how_to_go_on
-from isf_cell.commands.run_folder import make_folder
+from isf_cell.commands.run_folder import output_folder
 
 
 def first_failure(results: Iterable[ContourResult]) -> IsfError | None:
@@ -145,19 +145,19 @@ def report_bag(
     if export is not None:
         _check_no_program(export)
     bag = bag_of(bag).resolve()
-    folder = make_folder(output or bag.parent)
     reference = reference and bag_of(reference)
     try:
-        finish(
-            folder,
-            reference,
-            failure=None,
-            as_json=as_json,
-            bag=bag,
-            namespace=namespace,
-            export=export,
-            sections=planes,
-        )
+        with output_folder(output or bag.parent) as folder:
+            finish(
+                folder,
+                reference,
+                failure=None,
+                as_json=as_json,
+                bag=bag,
+                namespace=namespace,
+                export=export,
+                sections=planes,
+            )
     finally:
         if being_formed(bag.parent):
             terminal.say("the part is being formed: this is as far as it is")

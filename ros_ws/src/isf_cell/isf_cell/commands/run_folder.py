@@ -54,6 +54,19 @@ def make_folder(folder: Path) -> Path:
     return folder.resolve()
 
 
+@contextmanager
+def output_folder(folder: Path) -> Iterator[Path]:
+    """The folder of :func:`make_folder`; what is new of it is removed when an error leaves it empty."""
+    new = [path for path in (folder, *folder.parents) if not path.exists()]
+    try:
+        yield make_folder(folder)
+    except Exception:
+        with suppress(OSError):  # holds something
+            for path in new:
+                path.rmdir()
+        raise
+
+
 def _unused(folder: Path) -> Path:
     candidate, number = folder, 1
     while candidate.exists():

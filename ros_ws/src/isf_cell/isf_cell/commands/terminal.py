@@ -144,12 +144,15 @@ def show_summary(summary: Mapping[str, Any], reference: Mapping[str, Any] | None
         )
     if expected := summary.get("expected_error"):
         row("expected largest / mean error [mm]", _expected(expected))
-    whole = ("deviation", "regions", "wall_and_base", "within_tolerance_fraction")
+    whole = ("deviation", "regions", "wall_and_base")
+    within, seen = (*whole, "within_tolerance_fraction"), (*whole, "coverage")
     row(
         f"points in tolerance ({number(summary, 'tolerance', 'shape_mm')} mm), wall and base",
-        share(summary, *whole),
-        share(reference, *whole),
+        share(summary, *within),
+        share(reference, *within),
     )
+    if any(share(source, *seen) not in ("-", "100 %") for source in (summary, reference)):
+        row("measured share of wall and base", share(summary, *seen), share(reference, *seen))
     force = summary.get("force") or {}
     if force.get("set_N"):
         usual, low, high = (number(summary, "force", key, digits=0) for key in ("set_N", "set_min_N", "set_max_N"))

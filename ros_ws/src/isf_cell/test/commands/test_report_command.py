@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from isf_analysis.bag.bag_writer import write_bag
 from isf_analysis.figures import style
 from isf_analysis.measures.record import PartRecord
-from isf_analysis.measures.summary import deviation_of
+from isf_analysis.measures.summary import deviation_of, summary
 from isf_cell.commands import report
 from isf_cell.commands.exit_codes import Exit, ReportedError, exit_for
 from isf_cell.commands.tryout import Trial, _row
@@ -53,6 +55,34 @@ def test_a_report_with_its_shape(
     reported(PART, tmp_path)
     assert "error" not in json.loads(capsys.readouterr().out)
     assert (tmp_path / "shape" / "formed.ply").is_file()
+
+
+@pytest.mark.parametrize("output", ["out", "some/new/out"])
+def test_a_report_that_is_refused_leaves_no_empty_folder(output: str, tmp_path: Path) -> None:
+    (tmp_path / "kept").mkdir()
+    (tmp_path / "bag").mkdir()  # holds no bag
+    for folder in (tmp_path / output, tmp_path / "kept"):
+        with pytest.raises(IsfError, match="holds no bag"):
+            report.report_bag(tmp_path / "bag", None, folder, as_json=False)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["bag", "kept"]
+
+
+@pytest.mark.parametrize(
+    ("unseen", "shown"), [(slice(0), None), (slice(None, 24), r"6\d\.\d %"), (slice(None), r"0\.0 %")]
+)
+def test_the_terminal_tells_how_much_was_measured_where_it_is_not_all(
+    unseen: slice, shown: str | None, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of 51 rows, 17 of them over the part, the first 24 unknown, or all but the flange of the last three."""
+    assert PART.scan is not None
+    z = PART.scan.z.copy()
+    z[unseen] = np.nan
+    z[-3:] = 0.0
+    report.terminal.show_summary(summary(replace(PART, scan=HeightMap(PART.scan.x, PART.scan.y, z))), None)
+    said = "".join(capsys.readouterr())
+    row = re.search(r"measured share of wall and base\D*([\d.]+ %)", said)
+    assert (row is None) == (shown is None)
+    assert row is None or re.fullmatch(str(shown), row.group(1))
 
 
 @pytest.mark.parametrize("name", ["part.nc", "part.mpf", "PART.SRC"])
