@@ -321,7 +321,9 @@ class ForceController:
         if contour is None:
             return False
         up = -contour.push_sign
-        forming, support = (self._targets[k] for k in (contour.forming_tool - 1, 2 - contour.forming_tool))
+        forming, support = self._targets.tip_1, self._targets.tip_2
+        if contour.forming_tool == 2:
+            forming, support = support, forming
         away = [up * forming[2] - float((up * contour.forming_tip[:, 2]).max())]
         if contour.has_support:
             away.append(-up * support[2] - float((-up * contour.support_tip[:, 2]).max()))
