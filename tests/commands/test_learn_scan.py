@@ -17,7 +17,9 @@ from isf_analysis.bag.bag_writer import write_bag
 from isf_analysis.measures.record import PartRecord
 from isf_cell import in_process
 from isf_cell.cli import app
+from isf_cell.commands.learn import learn_record
 from isf_core.errors import ErrorCode, IsfError
+from isf_core.geometry.height_map import HeightMap
 from isf_springback.estimators import learning
 from numpy.typing import NDArray
 from quick_cone import FOLDER, quick_cone
@@ -185,6 +187,11 @@ def test_what_the_release_moved_is_taken_out_where_it_is_known(
         ("none.ply", ("--unit", "mm"), ErrorCode.MESH_UNREADABLE, "no such file|cannot be read|check"),
         ("mm.ply", ("--unit", "mm", "--align", "best"), ErrorCode.FILE_FIELD, "clamp or fit"),
         ("flat.ply", ("--unit", "mm"), ErrorCode.SCAN_OF_ANOTHER_PART, "belong together"),
+        ("blank.ply", ("--unit", "mm"), ErrorCode.SCAN_OF_ANOTHER_PART, "an unformed blank"),
+        ("blank.ply", ("--unit", "mm", "--align", "fit"), ErrorCode.SCAN_OF_ANOTHER_PART, "an unformed blank"),
+        ("upside_down.ply", ("--unit", "mm", "--align", "fit"), ErrorCode.SCAN_SHIFTED, "z up"),
+        ("turned.ply", ("--unit", "mm", "--align", "fit"), ErrorCode.SCAN_SHIFTED, "10 mm and 10 deg"),
+        ("aside.ply", ("--unit", "mm", "--align", "fit"), ErrorCode.SCAN_SHIFTED, "10 mm and 10 deg"),
     ],
 )
 def test_a_scan_that_cannot_be_meant_is_refused(
@@ -196,13 +203,31 @@ def test_a_scan_that_cannot_be_meant_is_refused(
         np.savez(tmp_path / name, points=1e3 * points)
     elif name != "none.ply":
         ball = points * [1.0, 1.0, 0.0] - np.column_stack([0 * points[:, :2], 8e-3 * (np.abs(points[:, 0]) < 5e-3)])
-        shapes = {"moved.ply": measured(points), "nan.ply": np.full_like(points, np.nan), "flat.ply": ball}
+        shapes = {
+            "moved.ply": measured(points),
+            "nan.ply": np.full_like(points, np.nan),
+            "flat.ply": ball,
+            "blank.ply": points * [1.0, 1.0, 0.0],
+            "upside_down.ply": points * [1.0, -1.0, -1.0],
+            "turned.ply": Rotation.from_euler("x", 14.0, degrees=True).apply(points),
+            "aside.ply": points + [13e-3, 0.0, 0.0],
+        }
         as_ply(tmp_path / name, shapes.get(name, points))
     with pytest.raises(IsfError) as caught:
         learned(tmp_path, run, "--scan", tmp_path / name, *options)
     assert caught.value.code == code
     assert any(word in str(caught.value) for word in words.split("|"))
     assert not (tmp_path / "known.npz").exists()
+
+
+def test_a_run_whose_own_scan_shows_a_blank_teaches_only_where_no_model_corrected_it(part: PartRecord) -> None:
+    """Without a correction a shallow part may have sprung back altogether."""
+    assert part.scan is not None
+    blank = replace(part, scan=HeightMap(part.scan.x, part.scan.y, 0.0 * part.scan.z))
+    assert np.abs(learn_record(blank, FOLDER).push).max() > 1e-3
+    with pytest.raises(IsfError) as caught:
+        learn_record(replace(blank, correction="elastic"), FOLDER)
+    assert caught.value.code == ErrorCode.SCAN_OF_ANOTHER_PART
 
 
 def test_options_that_do_not_go_together_are_refused(run: Path, part: PartRecord, tmp_path: Path) -> None:

@@ -38,8 +38,14 @@ SMALLEST, LARGEST = 0.6, 1.6
 """Of the opening, and of the clamp, that a scan extends over: beyond, the unit is wrong (the next ones are inch for cm,
 a factor of 2.5)."""
 
+_BRING_NEAR = "bring it within 10 mm and 10 deg of the part, in frame sheet: z up, the middle of the clamp at x = y = 0"
+
 SAME_PART = 0.1e-3
 """m, by which the wanted shapes of two runs of one part may differ."""
+
+LARGEST_MOVE, LARGEST_TURN = 10e-3, np.radians(10.0)
+"""m in plan, rad, by which a fit may move the middle of the clamp and turn a scan: farther off it finds another place,
+as the flat sheet beside the part (assumed). Height is not bounded: a part may lie on a table."""
 
 ROUNDS = 5
 """Of height and tilt, and of shift in plan, by turns (chosen)."""
@@ -85,7 +91,7 @@ def read_bench_scan(
     Raises
     ------
     IsfError : codes of :func:`isf_cell.shape_file.load_shape`; SCAN_UNIT_SUSPECT; SCAN_INCOMPLETE, nothing
-        fits; BAG_INCOMPLETE, ``like`` holds no part out of the clamp
+        fits; SCAN_SHIFTED, it fits too far off; BAG_INCOMPLETE, ``like`` holds no part out of the clamp
     """
     shape = load_shape(path, unit, samples=SAMPLES)
     read = shape.points
@@ -99,10 +105,18 @@ def read_bench_scan(
                 error.code,
                 f"cannot be laid onto the part: {error.what}",
                 where=str(path),
-                advice="bring it within a few mm and 10 deg of the part, in frame sheet: z up, the middle of the "
-                "clamp at x = y = 0",
+                advice=_BRING_NEAR,
             ) from error
-    moved, turned = _motion(read, points)
+    moved, turned, slid = _motion(read, points)
+    if slid > LARGEST_MOVE or turned > LARGEST_TURN:
+        raise IsfError(
+            ErrorCode.SCAN_SHIFTED,
+            f"lies on the part only when it is moved by {1e3 * slid:.0f} mm in plan and turned by "
+            f"{np.degrees(turned):.0f} deg; {1e3 * LARGEST_MOVE:.0f} mm and {np.degrees(LARGEST_TURN):.0f} deg are "
+            "believed",
+            where=str(path),
+            advice=_BRING_NEAR,
+        )
     if released:
         points = points[_near_opening(points, target)]
     if like is None:
@@ -158,11 +172,13 @@ def _near_opening(points: Array, target: HeightMap) -> Mask:
     return np.asarray(HeightMap(target.x, target.y, mask.astype(np.float64)).at(points[:, :2]) > 0.5)
 
 
-def _motion(before: Array, after: Array) -> tuple[Array, float]:
-    """Shift (3,) m of the middle, and turn, rad, of the rigid motion from ``before`` to ``after`` (P, 3) m."""
+def _motion(before: Array, after: Array) -> tuple[Array, float, float]:
+    """Shift (3,) m of the middle, turn, rad, and shift in plan, m, of what comes to lie at x = y = 0, of the rigid
+    motion from ``before`` to ``after`` (P, 3) m."""
     middles = before.mean(axis=0), after.mean(axis=0)
     turn, _ = Rotation.align_vectors((after - middles[1])[::10], (before - middles[0])[::10])
-    return middles[1] - middles[0], float(turn.magnitude())
+    origin = turn.inv().apply(-middles[1]) + middles[0]
+    return middles[1] - middles[0], float(turn.magnitude()), float(np.hypot(*origin[:2]))
 
 
 def _movement_of(like: PartRecord, target: HeightMap, clamp: tuple[float, float], align: str) -> HeightMap:

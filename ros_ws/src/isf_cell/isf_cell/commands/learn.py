@@ -24,11 +24,15 @@ from isf_springback.estimators.learning import Learned, learn_part
 from isf_springback.loop_path import forming_radius
 from isf_springback.scan import FormedShape
 from isf_springback.scan.feedback import ScanMemory
+from isf_springback.scan.formed_shape import ANY_SCALE, FORMED_SCALE
 
 from isf_cell.bench_scan import ALIGNMENTS, BenchScan, read_bench_scan
 from isf_cell.commands import terminal
 from isf_cell.corrected_plan import corrected_ahead, uncorrected
 from isf_cell.replay.recorded_run import recorded_job
+
+UNMODELLED = ("none", "learned", "learned_map")
+"""Methods of springback that correct nothing, or what parts before showed: no model of the sheet."""
 
 
 def learn_runs(runs: list[Path], output: Path, base: Path | None, *, as_json: bool) -> None:
@@ -114,11 +118,12 @@ def learn_scan(part: Path, bench: Bench, output: Path, base: Path | None, *, as_
     clamp = formed.job_file.rig.clamp.size
     found = read_bench_scan(bench.scan, bench.unit, formed.target, clamp, align=align, released=released, like=like)
     try:
-        known = _learned(formed, found.points, known, clamped=not released)
+        known = _learned(formed, found.points, known, clamped=not released, least_scale=FORMED_SCALE)
     except IsfError as error:
-        if error.code is not ErrorCode.SCAN_SHIFTED or align == "fit":
+        if error.where != "scan":
             raise
-        advice = "--align fit moves the scan onto the part"
+        moves = error.code is ErrorCode.SCAN_SHIFTED and align != "fit"
+        advice = "--align fit moves the scan onto the part" if moves else error.advice
         raise IsfError(error.code, error.what, where=str(bench.scan), advice=advice) from error
     known = replace(
         known, source=f"scan {bench.scan.name} {'out of' if released else 'in'} the clamp, {formed.contours_of}"
@@ -332,10 +337,14 @@ def learn_record(record: PartRecord, base: Path | None, known: Learned | None = 
             advice="record scan and part/target; isf record does",
         )
     formed = _recorded(record, record.target, base)
-    return replace(_learned(formed, record.scan.points(), known), source=record.plant)
+    # without a model's correction a shallow part may have sprung back altogether
+    least = ANY_SCALE if record.correction in UNMODELLED else FORMED_SCALE
+    return replace(_learned(formed, record.scan.points(), known, least_scale=least), source=record.plant)
 
 
-def _learned(formed: _Formed, points: Array, known: Learned | None, *, clamped: bool = True) -> Learned:
+def _learned(
+    formed: _Formed, points: Array, known: Learned | None, *, clamped: bool = True, least_scale: float
+) -> Learned:
     job_file, nominal = formed.job_file, formed.nominal
     return learn_part(
         nominal,
@@ -349,6 +358,7 @@ def _learned(formed: _Formed, points: Array, known: Learned | None, *, clamped: 
         formed.shapes,
         formed.preforms,
         clamped=clamped,
+        least_scale=least_scale,
     )
 
 

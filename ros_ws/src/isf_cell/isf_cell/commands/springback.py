@@ -187,6 +187,8 @@ def calibrate_clamp(
         "edge_slope": found.edge.slope,
         "edge_stiffness_MPa": None if found.edge.immovable else spring,
         "rms_mm": 1e3 * found.deviation,
+        "rms_of_largest": found.misfit,
+        "remarks": list(found.remarks),
         "plain_rms_mm": {name: 1e3 * value for name, value in found.plain.items()},
         "force_N": found.force.tolist(),
         "measured_mm": (1e3 * found.measured).tolist(),
@@ -200,6 +202,8 @@ def calibrate_clamp(
     name = "immovable" if found.edge.immovable else f"in-plane spring {spring:.3g} N/mm per mm"
     table.add_row(f"[bold]best: {found.edge.slope}, {name}[/bold]", f"[bold]{1e3 * found.deviation:.3f}[/bold]")
     terminal.console.print(table)
+    for remark in found.remarks:
+        terminal.warn(remark)
     if found.edge.immovable:
         terminal.console.print("in the rig file, section clamp:  edge: fixed")
     terminal.console.print("in the job file, section springback.elastic:  " + ", ".join(lines))

@@ -87,12 +87,32 @@ def test_the_database_of_a_part_is_made_once_before_it_and_not_for_methods_witho
     assert "no springback database" in capsys.readouterr().err
 
 
+def test_a_database_that_takes_long_says_so_once_and_what_does_without_it():
+    from isf_cell.commands.elastic_database import DatabaseProgress
+
+    said, now = [], [100.0]
+    told = DatabaseProgress(said.append, clock=lambda: now[0])
+    told.progress(0, 6)
+    now[0] = 129.0
+    assert told.poll() is False
+    assert said == ["springback database: 0 of 6 depths"]
+    for now[0] in (130.0, 131.0, 400.0):
+        assert told.poll() is False  # it is computed on
+    assert len(said) == 2
+    assert said[1].startswith("springback database: 0 of 6 depths, still at it after 30 s")
+    assert "--correction analytic" in said[1]
+    told.progress(1, 6)
+    assert said[2] == said[1].replace("0 of 6", "1 of 6")
+
+
 def test_calibrate_answers_with_fields_of_the_job(tmp_path):
     curve = tmp_path / "push.csv"
     curve.write_text("force_N,displacement_mm\n60,1.90\n240,3.91\n400,5.00\n")
     found = isf("calibrate", JOB, curve)
     assert found["edge_slope"] == "clamped"
     assert found["rms_mm"] < 0.1
+    assert found["rms_of_largest"] == pytest.approx(found["rms_mm"] / 5.0)
+    assert found["remarks"] == []
     assert min(found["plain_rms_mm"], key=found["plain_rms_mm"].get) == "clamped, free in plane"
 
 

@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from isf_springback.loop_path import LARGEST_CORRECTION, LoopPath, nearest_points
 from isf_springback.scan import FormedShape, ScanExpectation, process_scan
 from isf_springback.scan.feedback import contour_over_die, shape_over_die, target_over_die, turned_shape
-from isf_springback.scan.formed_shape import floor_under
+from isf_springback.scan.formed_shape import ANY_SCALE, floor_under
 from isf_springback.scan.readings import read_errors
 
 FORMAT = 1
@@ -180,6 +180,7 @@ def learn_part(
     preforms: Sequence[HeightMap] = (),
     *,
     clamped: bool = True,
+    least_scale: float = ANY_SCALE,
 ) -> Learned:
     """Knowledge after one more part.
 
@@ -192,6 +193,7 @@ def learn_part(
     shapes : scanned after some of the contours, by their index
     preforms : what the stages before the part end with, on the grid of ``target``: the finished part does not tell
         their errors, and their contours are corrected as they were
+    least_scale : smallest depth of the scan over that of the part, ``scan.formed_shape.ANY_SCALE`` or ``FORMED_SCALE``
 
     Raises
     ------
@@ -206,18 +208,19 @@ def learn_part(
         )
     if nominal[-1].process is Process.TPIF:
         # the flange moves from contour to contour: contours, target and shape meet in the frame of the die
-        shape = shape_over_die(scan, target, clamp, nominal[-1], clamped=clamped)
+        shape = shape_over_die(scan, target, clamp, nominal[-1], clamped=clamped, least_scale=least_scale)
         target, nominal = target_over_die(target), [contour_over_die(contour) for contour in nominal]
     elif all(contour.forming_tool == 2 for contour in nominal):
-        shape = turned_shape(scan, target, clamp, clamped=clamped)
+        shape = turned_shape(scan, target, clamp, clamped=clamped, least_scale=least_scale)
     else:
         lowest = min(float(contour.forming_tip[:, 2].min()) for contour in nominal)
-        shape = process_scan(scan, ScanExpectation(target, clamp, lowest, clamped=clamped))
+        expected = ScanExpectation(target, clamp, lowest, clamped=clamped, least_scale=least_scale)
+        shape = process_scan(scan, expected)
     index, place, applied, error, feature, seen = [], [], [], [], [], []
     stages = StageShapes(target, tuple(preforms))
     for contour, correction in zip(nominal, corrections, strict=True):
         wanted = stages.end(contour.stage)
-        reading = read_errors(contour, shape, wanted, radius)
+        reading = read_errors(contour, shape, wanted, radius, finished=True)
         near = nearest_points(reading.place, contour.forming_tip[:, :2])
         floor, too_little = floor_under(wanted, contour), -contour.push_sign
         left = np.abs(contour.forming_tip[near, 2] - floor)

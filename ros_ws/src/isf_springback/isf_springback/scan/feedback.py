@@ -19,7 +19,7 @@ from isf_core.geometry.stage_shapes import StageShapes
 from isf_core.types import Array
 
 from isf_springback.scan import FormedShape, ScanExpectation, process_scan
-from isf_springback.scan.formed_shape import OPENING_DEPTH, opening_around
+from isf_springback.scan.formed_shape import ANY_SCALE, OPENING_DEPTH, opening_around
 from isf_springback.scan.registration import ClampEdges
 
 
@@ -142,11 +142,13 @@ def shape_over_die(
     edges: ClampEdges | None = None,
     *,
     clamped: bool = True,
+    least_scale: float = ANY_SCALE,
 ) -> FormedShape:
     """The shape after ``contour`` over a die, in the frame of the die (frame ``sheet`` before the holder moves).
 
     ``points`` (P, 3) m in frame ``sheet``, in which the flange stays at z = 0 and the part stands up; ``target`` the
-    finished part on its flange; ``edges`` of the clamp in an earlier scan; ``clamped`` as in ScanExpectation.
+    finished part on its flange; ``edges`` of the clamp in an earlier scan; ``clamped`` and ``least_scale`` as in
+    ScanExpectation.
     Turned over, what stands up so far is a pocket as deep as the holder has moved (:func:`turned_shape`).
 
     Raises
@@ -155,7 +157,8 @@ def shape_over_die(
     """
     holder = contour.holder_height
     stands = np.maximum(target_over_die(target).z - holder, 0.0)
-    shape = turned_shape(points, HeightMap(target.x, target.y, stands), clamp, edges, clamped=clamped)
+    stood = HeightMap(target.x, target.y, stands)
+    shape = turned_shape(points, stood, clamp, edges, clamped=clamped, least_scale=least_scale)
     return replace(shape, surface=HeightMap(shape.surface.x, shape.surface.y, holder + shape.surface.z))
 
 
@@ -166,15 +169,19 @@ def turned_shape(
     edges: ClampEdges | None = None,
     *,
     clamped: bool = True,
+    least_scale: float = ANY_SCALE,
 ) -> FormedShape:
-    """The shape in ``points`` (P, 3) m of a ``target`` that stands up, all of it formed: checked as a pocket is.
+    """The shape in ``points`` (P, 3) m of a ``target`` that stands up, all of it formed: checked as a pocket is, of
+    ``least_scale`` of its depth.
 
     Raises
     ------
     IsfError : as :func:`isf_springback.scan.process_scan`
     """
     pocket = HeightMap(target.x, target.y, -target.z)
-    turned = ScanExpectation(pocket, clamp, float(np.nanmin(pocket.z)), clamped=clamped, edges=edges)
+    turned = ScanExpectation(
+        pocket, clamp, float(np.nanmin(pocket.z)), clamped=clamped, edges=edges, least_scale=least_scale
+    )
     shape = process_scan(np.asarray(points) * np.array([1.0, 1.0, -1.0]), turned)
     return replace(shape, surface=HeightMap(shape.surface.x, shape.surface.y, -shape.surface.z))
 

@@ -24,7 +24,11 @@ HEIGHT_RANGE = (-9e-3, 9e-3)
 has yielded around an opening without a plate, is not believed (assumed; the elasto-plastic sheet of ren_cone sags by 4
 mm without a correction and by 7 mm with one that goes too deep)."""
 LARGEST_SCALE = 2.5
-"""Depth of the formed over the expected shape; there is no smallest one: a shallow part may spring back altogether."""
+"""Depth of the formed over the expected shape."""
+ANY_SCALE, FORMED_SCALE = -0.3, 0.3
+"""Smallest depth of the formed over the expected shape: while a part is formed, and of one formed without a correction,
+it may spring back altogether; else it is a blank, or another place, that was scanned (assumed: 0.96 to 1.04 of
+parts of 6 to 21 mm corrected by a model, 0.0 of one of 6 mm without a correction and a plate)."""
 SMALLEST_COVERAGE = 0.3
 """Share of the opening that must have been seen; 0.6 (40 % holes) is common."""
 LARGEST_HEIGHT = 4e-3
@@ -59,6 +63,7 @@ class ScanExpectation:
     edges : those of the clamp in an earlier scan, used where this one does not show them
     began : what the stage in work began with, on the grid of ``target``; None: the flat blank
     worked : (ny, nx) cells of ``target`` that ``level`` is of, beside which nothing is known of the shape; None: all
+    least_scale : smallest depth of the formed over the expected shape, :data:`ANY_SCALE` or :data:`FORMED_SCALE`
     """
 
     target: HeightMap
@@ -69,6 +74,7 @@ class ScanExpectation:
     edges: ClampEdges | None = None
     worked: Mask | None = None
     began: HeightMap | None = None
+    least_scale: float = ANY_SCALE
 
     def least_extent(self) -> tuple[float, float]:
         """(m, m) that is seen at least: the opening of a part out of the clamp, whose flange may be cut off."""
@@ -159,7 +165,7 @@ def process_scan(points: Array, expected: ScanExpectation) -> FormedShape:
     if -deepest > SMALLEST_DEPTH:
         shift, deviation = registration.plan_shift(surface, shape)
         worked = opening if expected.worked is None else expected.worked
-        _check_identity(surface, shape, worked, shift, expected.dome)
+        _check_identity(surface, shape, worked, shift, expected.dome, expected.least_scale)
     noise = plane.noise if plane is not None else 50e-6
     return FormedShape(surface, coverage, outliers, plane, edges, shift, deviation, noise, tuple(remarks))
 
@@ -241,7 +247,9 @@ def _fit(base: Array, value: Array, place: Array, dome: float) -> tuple[float, f
     return float(found[0]), float(found[1]), float(np.sqrt(np.mean((left - matrix @ found) ** 2)))
 
 
-def _check_identity(surface: HeightMap, shape: HeightMap, opening: Mask, shift: Array, dome: float) -> None:
+def _check_identity(
+    surface: HeightMap, shape: HeightMap, opening: Mask, shift: Array, dome: float, least_scale: float
+) -> None:
     """Refuse a scan that is shifted, or whose shape is not the expected one up to scale, springback and ``dome`` m."""
     rows, columns = np.nonzero(opening)
     place = np.column_stack([shape.x[columns], shape.y[rows]])
@@ -254,7 +262,7 @@ def _check_identity(surface: HeightMap, shape: HeightMap, opening: Mask, shift: 
     if known.sum() > 50:
         height, scale, rest = _fit(base[known], value[known], place[known], dome)
         misfit = rest / depth
-    believable = HEIGHT_RANGE[0] < height < HEIGHT_RANGE[1] and -0.3 < scale < LARGEST_SCALE
+    believable = HEIGHT_RANGE[0] < height < HEIGHT_RANGE[1] and ANY_SCALE < scale < LARGEST_SCALE
     if misfit > max(LARGEST_MISFIT, LARGEST_SAG / depth) or not believable:
         raise IsfError(
             ErrorCode.SCAN_OF_ANOTHER_PART,
@@ -262,6 +270,15 @@ def _check_identity(surface: HeightMap, shape: HeightMap, opening: Mask, shift: 
             f"height {1e3 * height:.1f} mm)",
             where="scan",
             advice="check that scan, job and contour belong together",
+        )
+    if scale < least_scale:
+        raise IsfError(
+            ErrorCode.SCAN_OF_ANOTHER_PART,
+            f"it shows {100 * scale:.0f} % of the depth of the part of {1e3 * depth:.1f} mm, {100 * least_scale:.0f} % "
+            "are needed: an unformed blank, or a place beside the part",
+            where="scan",
+            advice="scan the formed part, z up, where it lies in frame sheet; one that has sprung back altogether "
+            "teaches nothing: form it with springback.method: elastic first",
         )
     _check_shift(shift, "the part")
 

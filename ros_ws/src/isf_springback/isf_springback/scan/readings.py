@@ -49,12 +49,19 @@ class Reading:
 
 
 def read_errors(
-    contour: Contour, shape: FormedShape, target: HeightMap, radius: float, began: HeightMap | None = None
+    contour: Contour,
+    shape: FormedShape,
+    target: HeightMap,
+    radius: float,
+    began: HeightMap | None = None,
+    *,
+    finished: bool = False,
 ) -> Reading:
     """Errors on the wall just above the contact and on the bottom, at :data:`PLACES` places of ``contour``.
 
     Where the stage ``began`` with a shape (None: the flat blank) there is a bottom as far as that was even, and no
-    deeper than the tool is now.
+    deeper than the tool is now. The bottom is to lie where the tip of ``contour`` was, or, that of a
+    ``finished`` part, where the target does: later contours have formed it deeper.
     """
     path = LoopPath.of(contour)
     directions = sections.directions_of(contour, path.even_positions(PLACES))
@@ -76,7 +83,8 @@ def read_errors(
         low = before.min(axis=1, initial=np.inf, where=inside)
         high = before.max(axis=1, initial=-np.inf, where=inside)
         flat &= ((high - low <= LARGEST_PILLOW) & (low >= level - SAME_DEPTH))[:, None]
-    bottom = np.where(inside & flat, formed - level[:, None], np.nan)
+    intended = wanted if finished else level[:, None]
+    bottom = np.where(inside & flat, formed - intended, np.nan)
     middle = median_of_rows(bottom)
     # By area: beside the tip the bottom lies deeper than in the middle, and there is more of it.
     area = np.maximum(tip[:, None] + 2.0 * inner - reach[None, :], 0.0)

@@ -363,3 +363,28 @@ def test_curvature_of_a_circle():
     contour = cone_contour(3)
     radius = np.hypot(*contour.forming_tip[0, :2])
     assert curvature(contour) == pytest.approx(1.0 / radius, rel=0.05)
+
+
+DOME, DEEP = 100e-3, 6.3e-3
+"""m, radius and depth of a part whose bottom is curved to its middle."""
+
+
+@pytest.mark.parametrize("short", [0.0, 0.05])
+def test_a_curved_bottom_is_held_against_the_part_and_not_against_the_tip(short):
+    """Contours 2 mm over the lowest place read what is left there, not that later contours went deeper."""
+    away = np.hypot(*np.meshgrid(GRID, GRID))
+    target = HeightMap(GRID, GRID, np.minimum(away**2 / (2 * DOME) - DEEP, 0.0))
+    levels = 0.5e-3 * np.arange(1, 13)
+    radii = np.sqrt(2 * DOME * (DEEP - levels))
+    contours = [
+        cone_contour(k, count=len(levels), radius=radius, angle=np.degrees(np.arctan(radius / DOME)))
+        for k, radius in enumerate(radii)
+    ]
+    none = [
+        ContourCorrection(contour.plan_id, contour.index, "none", np.zeros((len(contour), 3)), np.empty(0))
+        for contour in contours
+    ]
+    points = target.points() * [1.0, 1.0, 1.0 - short]
+    known = learn_part(contours, none, points, target, CLAMP, 5e-3, "dome")
+    for contour, level in zip(contours[1:], levels[1:], strict=True):
+        assert known.error[known.contour == contour.index] == pytest.approx(short * level, abs=0.04e-3)

@@ -1,5 +1,6 @@
 """Scans of a cone with known springback, through what scanners do to them: noise, holes, tilt, shift, wrong units."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -216,6 +217,16 @@ def test_every_pocket_has_a_floor_of_its_own(place, floor):
     target = pockets((-50e-3, 14e-3), (50e-3, 8e-3))
     contour = cone_contour(3, opening=35e-3).shifted(np.array([place, 0.0, 0.0]))
     assert floor_under(target, contour) == pytest.approx(floor)
+
+
+def test_a_finished_part_is_no_blank():
+    """While a part is formed it may spring back altogether; one that was corrected has most of its depth."""
+    finished = replace(EXPECTED, least_scale=0.3)
+    blank = HeightMap(GRID, GRID, 0.0 * cone().z).points()
+    assert code_of(blank, finished) == ErrorCode.SCAN_OF_ANOTHER_PART
+    assert code_of(formed(12e-3).points(), finished) == ErrorCode.SCAN_OF_ANOTHER_PART
+    for points, expected in ((blank, EXPECTED), (formed(8e-3).points(), finished)):
+        assert process_scan(points, expected).coverage == 1.0
 
 
 def test_a_bump_that_is_still_to_come_is_not_missed():
