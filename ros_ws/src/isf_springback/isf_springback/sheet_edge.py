@@ -7,9 +7,10 @@ clamp; for the shell the plate holds the sheet up along the edge of its opening,
 from __future__ import annotations
 
 import numpy as np
-from isf_core.contour import Contour
+from isf_core.contour import Contour, Process
 from isf_core.files.job import JobFile
 from isf_core.geometry.opening import SMALLEST_GAP, ClampRadius, Opening, clamp_radius
+from isf_core.process import free_sheet
 from isf_core.types import Array
 
 from isf_springback.loop_path import forming_radius
@@ -19,6 +20,10 @@ CLOSE = 3.0
 """Radii of the forming tool within which a backing plate holds the sheet where it is formed (assumed). On
 praveen_cone_150, whose plate is four radii away, the sheet beside the opening bends down with each of the first
 contours as in a bare clamp: the opening came out 0.43 mm too deep where it was taken for held, else 0.32 mm."""
+
+OPENING_STEPS = 2.0
+"""Incremental depths below the flange within which the first contour of a feature begins an opening; deeper ones begin
+inside another feature (assumed)."""
 
 ROUND_CORNERS = 48
 """Corners of the polygon for a round opening: its area is 0.3 % smaller than that of the circle."""
@@ -84,3 +89,22 @@ def held_by_plate(contour: Contour, job_file: JobFile) -> bool:
         return False
     away = plate.inside(contour.contact[:, 0], contour.contact[:, 1])
     return float(away.mean()) <= CLOSE * forming_radius(job_file, contour.forming_tool)
+
+
+def opening_sag(contour: Contour, job_file: JobFile) -> float:
+    """m, how far the opening that begins with ``contour`` is expected to sink below it, whatever the correction of
+    springback: the sheet yields between there and what holds it (:mod:`isf_core.process.free_sheet`).
+
+    0 over a die, in ADSIF, for a contour inside another feature, and with the support tool under the blank. The part is
+    taken to be as deep as its contours could reach.
+    """
+    job, step = job_file.job, job_file.job.path.incremental_depth
+    begins = abs(float(contour.contact[:, 2].mean())) <= OPENING_STEPS * step
+    if contour.process not in (Process.SPIF, Process.DSIF) or job.support_stays or not begins:
+        return 0.0
+    x, y = contour.contact[:, 0], contour.contact[:, 1]
+    half = 0.5 * np.asarray(job_file.rig.clamp.size)
+    clamp = np.minimum(half[0] - np.abs(x), half[1] - np.abs(y))
+    free = clamp if job.backing_plate is None else np.minimum(clamp, job.backing_plate.inside(x, y))
+    beside = contour.has_support and not contour.support_waits
+    return free_sheet.opening_sag(float(free.max()), contour.count * step, two_tools=beside)

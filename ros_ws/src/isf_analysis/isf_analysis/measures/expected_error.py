@@ -36,6 +36,9 @@ REPEATABILITY = 0.2e-3
 """m, standard deviation of the shape of parts of one condition (measured: repeats of a cone differ by 0.3 mm, so that
 each is off by this; benchmarks/data/spif_cones_measured.csv)."""
 
+FORESEEN = 0.1e-3
+"""m of error foreseen at the first contour, from which it is named."""
+
 FEWEST_KNOWN = 0.9
 """Share of wall and base of which something has to be known (assumed)."""
 
@@ -160,6 +163,10 @@ def _rms(values: Array) -> float:
 def _stands_on(record: PartRecord, told: bool, scanned: int | None) -> str:
     by = "parts formed before, real or tried (springback.learning)" if record.correction == "learned" else ""
     parts = [by or f"the standard deviation that {record.correction} gives"] if told else []
+    first = record.last_stage[0].index if record.last_stage else -1
+    foreseen = next((item.residual for item in record.corrections if item.index == first), np.empty(0))
+    if told and np.isfinite(foreseen).any() and abs(np.nanmean(foreseen)) > FORESEEN:
+        parts.append(f"{1e3 * abs(np.nanmean(foreseen)):.1f} mm that it foresees at the opening")
     try:
         every = lift_interval(record.job(), record.correction)
     except IsfError:  # of another version

@@ -15,6 +15,7 @@ from isf_core.errors import ErrorCode, IsfError
 from isf_core.files.job import Job
 from isf_core.files.rig import Rig
 from isf_core.files.tooling import BackingPlateSpec
+from isf_core.process.free_sheet import SAG
 from isf_core.types import Array, Indices
 
 from isf_planner.checks.mesh_slicing import slice_mesh
@@ -35,17 +36,13 @@ FREE_SHEET = 10e-3
 
 NEAR = 4e-3
 """m from the opening that a round or a rectangular plate may leave free, with which the opening sinks by 1.2 mm
-(:data:`SAG`): beyond it a plate is cut along the part."""
+(:mod:`isf_core.process.free_sheet`): beyond it a plate is cut along the part."""
 
 THINNEST_LAND = 6e-3
 """m of plate between two openings; where there would be less they are cut as one (assumed)."""
 
 CORNER_ROOM = 20e-6
 """m, by which the corners of an outline may lie beside the smooth line, outwards alone."""
-
-SAG = 0.6e-3
-"""m by which the opening sinks, over the root of the mm of free sheet around it (14 parts of 1 mm of aluminium under
-one tool on the elasto-plastic sheet within a factor of 1.4; scanned cones 0.7 to 1.3 mm: docs/methods/planning.md)."""
 
 
 def check_backing_plate(contours: Sequence[Contour], job: Job) -> None:

@@ -193,6 +193,8 @@ class FusedEstimator(Estimator):
         return Prediction(
             model.springback + bias + movement,
             deviation=deviation,
+            expected_error=model.expected_error,
+            beside_limits=model.beside_limits,
             control_point=place,
             remarks=tuple(remarks),
             fault=history.scans.fault_before(contour),

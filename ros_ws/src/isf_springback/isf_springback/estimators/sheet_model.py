@@ -25,7 +25,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -39,6 +39,7 @@ from isf_core.types import Array
 from isf_springback.estimators.estimator import Estimator, History, Prediction
 from isf_springback.lift_feedback import LiftedLaw, LiftReading
 from isf_springback.loop_path import LoopPath, forming_radius, moving_average, nearest_points
+from isf_springback.sheet_edge import opening_sag
 
 SMALLEST_SQUEEZE_ANGLE = np.radians(10.0)
 """rad; below it cot(phi) says nothing any more: horizontal squeeze control is not used on nearly flat walls."""
@@ -94,6 +95,9 @@ TREND: dict[ForecastLaw, float] = {"hold": 0.0, "half_step": 0.5, "linear": 1.0}
 TREND_LIMIT = 0.25
 """Largest change of one forecast over the last force (assumed: a force that grows faster is still ramping up,
 where the limits of the correction act first)."""
+
+SAG_SCATTER = 0.2
+"""Standard deviation of the sag of an opening over the sag (that of the parts it was read from: 0.14)."""
 
 SECTORS = 24
 """Parts of the path over one of which a measured force is averaged."""
@@ -395,9 +399,22 @@ class SheetModel(Estimator):
         self._contour = contour
 
     def estimate(self, contour: Contour, history: History) -> Prediction:
-        """As the base class; raises NO_FORCE_HISTORY, CORRECTION_FAILED, CONTOUR_OUT_OF_ORDER, as :meth:`predict`."""
+        """As the base class; raises NO_FORCE_HISTORY, CORRECTION_FAILED, CONTOUR_OUT_OF_ORDER, as :meth:`predict`.
+
+        At an opening the error is foreseen that its :func:`~isf_springback.sheet_edge.opening_sag` leaves.
+        """
         self.force.check()
-        return self.predict(contour)
+        prediction = self.predict(contour)
+        sag = opening_sag(contour, self.job_file) if history.of_wall == [contour.index] else 0.0
+        if sag == 0.0 or not len(prediction.deviation):
+            return prediction
+        known = prediction.deviation > 0.0
+        return replace(
+            prediction,
+            expected_error=np.full(len(contour), sag * contour.push_sign),
+            beside_limits=True,
+            deviation=np.where(known, np.hypot(prediction.deviation, SAG_SCATTER * sag), 0.0),
+        )
 
     def add_result(self, contour: Contour, result: ContourResult, history: History) -> None:
         """As the base class."""
