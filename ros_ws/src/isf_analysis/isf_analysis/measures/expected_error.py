@@ -165,7 +165,7 @@ def _stands_on(record: PartRecord, told: bool, scanned: int | None) -> str:
     parts = [by or f"the standard deviation that {record.correction} gives"] if told else []
     first = record.last_stage[0].index if record.last_stage else -1
     foreseen = next((item.residual for item in record.corrections if item.index == first), np.empty(0))
-    if told and np.isfinite(foreseen).any() and abs(np.nanmean(foreseen)) > FORESEEN:
+    if told and not by and np.isfinite(foreseen).any() and abs(np.nanmean(foreseen)) > FORESEEN:
         parts.append(f"{1e3 * abs(np.nanmean(foreseen)):.1f} mm that it foresees at the opening")
     try:
         every = lift_interval(record.job(), record.correction)
