@@ -14,6 +14,7 @@ from isf_cell.run.graph_client import ASK_AGAIN, GraphClient
 from isf_core.errors import ErrorCode, IsfError
 from isf_msgs.action import LiftTool
 from lifecycle_msgs.msg import State
+from lifecycle_msgs.srv import GetState
 from rclpy.task import Future
 
 pytestmark = pytest.mark.graph
@@ -66,6 +67,8 @@ def test_a_question_without_an_answer_is_asked_again(client: GraphClient) -> Non
 
 @pytest.mark.parametrize("client", [1000], indirect=True)
 def test_a_server_that_never_answers_is_named(client: GraphClient) -> None:
+    # its process may take longer to come up than an answer is waited for
+    assert client.within(60.0, lambda: client.offers(GetState, "forgetful/get_state"), no_watch)
     with pytest.raises(IsfError) as silent:
         client.state_of("forgetful", no_watch)
     assert silent.value.code == ErrorCode.SERVICE_TIMEOUT
