@@ -58,7 +58,10 @@ def pushes(record: PartRecord) -> tuple[float, float]:
     first = next(k for k, contour in enumerate(record.nominal) if contour.feature == SECOND)
     assert record.nominal[first].retract
     correction = record.corrections[first]
-    asked = -correction.offset[:, 2] + (correction.residual if len(correction.residual) else 0.0)
+    # of methods that tell no springback what they asked for is what was given and what is left
+    asked = correction.springback
+    if not len(asked):
+        asked = -correction.offset[:, 2] + (correction.residual if len(correction.residual) else 0.0)
     return float(-correction.offset[:, 2].min()), float(np.max(asked))
 
 
