@@ -310,13 +310,13 @@ class ForceController:
 
     @property
     def on_sheet(self) -> bool:
-        """True when the tools rest on the sheet: after a contour, or held after a stop or a fault on it."""
-        return self._mode is not Mode.IDLE and not self.busy and not self._clear and not self._above_contour
+        """True when the tools rest on the sheet: after a contour, or held after a stop or a fault."""
+        return self._mode is not Mode.IDLE and not self.busy and not self._clear
 
     @property
-    def _above_contour(self) -> bool:
-        """Whether the tools are still, or again, well away from where they touch the sheet on the contour that was
-        started last, on both sides."""
+    def clear_of_contour(self) -> bool:
+        """True when both tools are still, or again, well away from where they touch the sheet on the contour that was
+        started last. They may all the same stand in a pocket, out of which they have to be lifted."""
         contour = self._formed
         if contour is None:
             return False

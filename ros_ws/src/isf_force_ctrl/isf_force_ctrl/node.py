@@ -446,7 +446,8 @@ class ForceCtrlNode(CellNode[ForceCtrlParameters]):
             self._hand.watch()
             if controller is not None:
                 forming = controller.busy and not controller.measuring
-                on_sheet = controller.on_sheet and not self._hand.armed  # by hand somebody is there
+                on_sheet = controller.on_sheet and not controller.clear_of_contour
+                on_sheet &= not self._hand.armed  # by hand somebody is there
                 if alone := self._attended.judge(on_sheet=on_sheet, forming=forming):
                     self._lift_unattended(controller, alone)
             if controller is None or self._loop is not None:
