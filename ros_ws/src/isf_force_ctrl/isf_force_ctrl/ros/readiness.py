@@ -100,7 +100,7 @@ class Readiness:
                 raise IsfError(
                     ErrorCode.WRENCH_LOST,
                     f"tool_{tool}/wrench comes {1.0 / distance:.3g} times a second; the job controls at {rate:g} Hz",
-                    advice=f"raise the rate of the driver, or lower control.rate to at most {SLOWEST / distance:.3g} Hz",
+                    advice=f"raise the driver's rate, or lower control.rate to at most {SLOWEST / distance:.3g} Hz",
                 )
 
     def tare_lost(self) -> bool:
