@@ -274,8 +274,8 @@ def _check_identity(
     if scale < least_scale:
         raise IsfError(
             ErrorCode.SCAN_OF_ANOTHER_PART,
-            f"it shows {max(0.0, 100 * scale):.0f} % of the depth of the part of {1e3 * depth:.1f} mm, {100 * least_scale:.0f} % "
-            "are needed: an unformed blank, or a place beside the part",
+            f"it shows {max(0.0, 100 * scale):.0f} % of the depth of the part of {1e3 * depth:.1f} mm, "
+            f"{100 * least_scale:.0f} % are needed: an unformed blank, or a place beside the part",
             where="scan",
             advice="scan the formed part, z up, where it lies in frame sheet; one that has sprung back altogether "
             "teaches nothing: form it with springback.method: elastic first",
